@@ -16,7 +16,8 @@ from data_prep.rendering.images import to_float
 from data_prep.scene import CLOUD_SIZE, IMAGE_SIZE, Images, PointCloud, Points, View
 
 NEAR_GREY, FAR_GREY = 0.75, 0.35  # depth cue: at the nearest and farthest point of the unit sphere
-_MAX_RADIUS_PX = 16.0  # a lone point must not paint the image
+MAX_RADIUS_PX = 16.0  # of an image of IMAGE_SIZE: a lone point must not paint it
+_MOST_CELLS = 2**22  # looked at together: a bound on memory
 
 
 @dataclass(frozen=True)
@@ -59,13 +60,17 @@ class Splat:
         return Discs(points, self.spread * float(np.median(_nearest(points))), self.colors)
 
     def draw(
-        self, state: Discs, views: Sequence[View], rng: np.random.Generator | None = None
+        self,
+        state: Discs,
+        views: Sequence[View],
+        rng: np.random.Generator | None = None,
+        size: int = IMAGE_SIZE,
     ) -> Images:
-        """Paint the discs from far to near; no randomness."""
+        """Paint the discs from far to near, in images [V, size, size, 3]; no randomness."""
         del rng
-        images = np.empty((len(views), IMAGE_SIZE, IMAGE_SIZE, 3), np.float32)
+        images = np.empty((len(views), size, size, 3), np.float32)
         for i, view in enumerate(views):
-            images[i] = _paint(state, view)
+            images[i] = _paint(state, view, size)
         return images
 
 
@@ -85,15 +90,17 @@ def _nearest(points: Points) -> NDArray[np.float64]:
     return np.append(np.zeros(repeated), distances)
 
 
-def _paint(discs: Discs, view: View) -> NDArray[np.float32]:
+def _paint(discs: Discs, view: View, size: int) -> NDArray[np.float32]:
+    zoom = size / IMAGE_SIZE
     pixels, depth = project(discs.centres, view)
-    image = np.ones((IMAGE_SIZE, IMAGE_SIZE, 3), np.float32)
-    reaches = ((pixels > -_MAX_RADIUS_PX) & (pixels < IMAGE_SIZE + _MAX_RADIUS_PX)).all(axis=1)
+    pixels, most = zoom * pixels, zoom * MAX_RADIUS_PX
+    image = np.ones((size, size, 3), np.float32)
+    reaches = ((pixels > -most) & (pixels < size + most)).all(axis=1)
     visible = np.flatnonzero((depth > 0.05 * CAMERA_DISTANCE) & reaches)
     order = visible[np.argsort(-depth[visible], kind="stable")]
     pixels, depth = pixels[order], depth[order]
     # At least half a pixel's diagonal, so that every disc covers a pixel centre.
-    radius = np.clip(discs.radius * FOCAL_PX / depth, np.sqrt(0.5), _MAX_RADIUS_PX)
+    radius = np.clip(zoom * discs.radius * FOCAL_PX / depth, np.sqrt(0.5), most)
     if discs.colors is None:
         share = np.clip((depth - (CAMERA_DISTANCE - 1)) / 2, 0.0, 1.0)
         ink = (NEAR_GREY + (FAR_GREY - NEAR_GREY) * share).astype(np.float32)[:, None]
@@ -103,11 +110,15 @@ def _paint(discs: Discs, view: View) -> NDArray[np.float32]:
     reach = int(np.ceil(radius.max(initial=0.0)))
     offsets = np.arange(-reach, reach + 1)
     square = np.stack(np.meshgrid(offsets, offsets, indexing="ij"), axis=-1).reshape(-1, 2)
-    corner = np.floor(pixels[:, ::-1]).astype(np.int64)  # row, column of the pixel around a centre
-    cells = corner[:, None, :] + square[None]  # [N, S, 2]
-    distance = np.hypot(*np.moveaxis(cells + 0.5 - pixels[:, None, ::-1], -1, 0))
-    inside = (distance <= radius[:, None]) & ((cells >= 0) & (cells < IMAGE_SIZE)).all(axis=-1)
-    point, _ = np.nonzero(inside)  # sorted by point, that is from far to near
-    rows, columns = cells[inside].T
-    image[rows, columns] = ink[point]  # of repeated indices NumPy keeps the last: the nearest
+    centres = pixels[:, ::-1]  # row, column
+    step = max(1, _MOST_CELLS // len(square))
+    for some in (slice(first, first + step) for first in range(0, len(centres), step)):
+        cells = np.floor(centres[some]).astype(np.int64)[:, None, :] + square[None]  # [N, S, 2]
+        distance = np.hypot(*np.moveaxis(cells + 0.5 - centres[some, None], -1, 0))
+        within = ((cells >= 0) & (cells < size)).all(axis=-1)
+        inside = (distance <= radius[some, None]) & within
+        point, _ = np.nonzero(inside)  # sorted by point, that is from far to near
+        rows, columns = cells[inside].T
+        # Of repeated indices NumPy keeps the last: the nearest.
+        image[rows, columns] = ink[some][point]
     return image

@@ -41,6 +41,7 @@ from baselines.reconstruction.denoised import (
     noise_scale,
 )
 from baselines.reconstruction.stages import check_points, spacing
+from baselines.splat import MAX_RADIUS_PX
 from data_prep.arrays import Floats
 from data_prep.rendering.camera import CAMERA_DISTANCE, FOCAL_PX, camera_to_world, project
 from data_prep.scene import IMAGE_SIZE, NEUTRAL_GREY, Images, PointCloud, View
@@ -56,7 +57,6 @@ _COVERING = 1.5  # reach of what hides, in spacings
 BEHIND = 0.5  # depth from which on a point is hidden, in spacings
 LEAST_SHARE = 1e-3
 SHARE = 0.25  # of a pixel that a sample facing the camera fills: four neighbours fill one
-_MOST_PX = 16.0  # a lone point must not paint the image
 
 
 @dataclass(frozen=True, eq=False)
@@ -93,23 +93,28 @@ class SplatFill:
         return _OrientedPoints(exact, planes.normals, between, notes)
 
     def draw(
-        self, state: _OrientedPoints, views: Sequence[View], rng: np.random.Generator | None = None
+        self,
+        state: _OrientedPoints,
+        views: Sequence[View],
+        rng: np.random.Generator | None = None,
+        size: int = IMAGE_SIZE,
     ) -> Images:
-        """Project and fill the points; no randomness."""
+        """Project and fill the points, in images [V, size, size, 3]; no randomness."""
         del rng
-        images = np.empty((len(views), IMAGE_SIZE, IMAGE_SIZE, 3), np.float32)
+        images = np.empty((len(views), size, size, 3), np.float32)
         for i, view in enumerate(views):
-            images[i] = _paint(state, view)[..., None]
+            images[i] = _paint(state, view, size)[..., None]
         return images
 
 
-def _paint(state: _OrientedPoints, view: View) -> Floats:
-    depth, cosine = _nearest(state, view)
+def _paint(state: _OrientedPoints, view: View, size: int) -> Floats:
+    depth, cosine = _nearest(state, view, size)
     if not np.isfinite(depth).any():
         return np.ones(depth.shape)
-    between = state.spacing * FOCAL_PX / CAMERA_DISTANCE
-    coverage = _outline(np.isfinite(depth), _CLOSING * between, MARGIN * between)
-    shown = _visible(depth, _COVERING * between, BEHIND * state.spacing)
+    zoom = size / IMAGE_SIZE
+    between, most = zoom * state.spacing * FOCAL_PX / CAMERA_DISTANCE, zoom * MAX_RADIUS_PX
+    coverage = _outline(np.isfinite(depth), min(_CLOSING * between, most), MARGIN * between)
+    shown = _visible(depth, min(_COVERING * between, most), BEHIND * state.spacing)
     # Obliquely a patch covers few pixels, and most oblique normals are wrong ones, of edges. Never
     # nothing: an image of oblique points alone has to be filled too.
     weight = np.where(shown, np.maximum(SHARE * cosine, LEAST_SHARE), 0.0)
@@ -125,19 +130,20 @@ def _smoothed(points: Floats, noise: float, between: float) -> Floats:
     return dense_part(points, 1 - min(LEFT_OUT * noise, MOST_LEFT_OUT), DENSITY_NEIGHBOURS)
 
 
-def _nearest(state: _OrientedPoints, view: View) -> tuple[Floats, Floats]:
+def _nearest(state: _OrientedPoints, view: View, size: int) -> tuple[Floats, Floats]:
     """Return depth and cosine of the nearest point of each pixel; depth is inf without one.
 
     The cosine is that of the angle between normal and line of sight.
     """
     pixels, depth = project(state.points, view)
-    within = ((pixels >= 0) & (pixels < IMAGE_SIZE)).all(axis=1)
+    pixels *= size / IMAGE_SIZE
+    within = ((pixels >= 0) & (pixels < size)).all(axis=1)
     seen = np.flatnonzero((depth > 0.05 * CAMERA_DISTANCE) & within)
     order = seen[np.argsort(-depth[seen], kind="stable")]  # the nearest is written last
     column, row = pixels[order].astype(np.intp).T
     cosine = np.abs(state.normals[order] @ camera_to_world(view)[:3, 2]).clip(0, 1)
-    depths = np.full((IMAGE_SIZE, IMAGE_SIZE), np.inf)
-    cosines = np.ones((IMAGE_SIZE, IMAGE_SIZE))
+    depths = np.full((size, size), np.inf)
+    cosines = np.ones((size, size))
     depths[row, column] = depth[order]
     cosines[row, column] = cosine
     return depths, cosines
@@ -148,7 +154,7 @@ def _outline(occupied: NDArray[np.bool_], radius: float, margin: float) -> Float
 
     The outline is `margin` beyond what a disc of `radius`, both in pixels, cannot reach.
     """
-    radius = min(max(radius, 1.0), _MOST_PX)
+    radius = max(radius, 1.0)
     margin = min(max(margin, 0.5), radius)  # a lone point is a pixel
     border = int(np.ceil(radius)) + 1
     empty = np.pad(~occupied, border, constant_values=True)
@@ -163,7 +169,7 @@ def _visible(depth: Floats, reach: float, tolerance: float) -> NDArray[np.bool_]
     Hidden is a point that lies `tolerance` behind what nearer points close when they are dilated
     and eroded by `reach` pixels.
     """
-    border = int(np.ceil(min(max(reach, 1.0), _MOST_PX)))
+    border = int(np.ceil(max(reach, 1.0)))
     side, far = 2 * border + 1, np.finfo(np.float64).max
     padded = np.pad(np.minimum(depth, far), border, constant_values=far)
     closed = ndimage.maximum_filter(ndimage.minimum_filter(padded, side), side)
@@ -173,10 +179,12 @@ def _visible(depth: Floats, reach: float, tolerance: float) -> NDArray[np.bool_]
 def _pull_push(values: Floats, weights: Floats) -> Floats:
     """Return an image [S, S] that keeps values of weight 1 and fills the others from coarser ones.
 
-    S is a power of two; weights are in 0..1, and one of them at least is above 0. What a weight
-    lacks to 1 comes from the coarser image.
+    Weights are in 0..1, and one of them at least is above 0. What a weight lacks to 1 comes from
+    the coarser image.
     """
-    levels = [(values * weights, weights)]
+    size = len(values)
+    beyond = (1 << (size - 1).bit_length()) - size  # to a power of two, with nothing there
+    levels = [(np.pad(values * weights, (0, beyond)), np.pad(weights, (0, beyond)))]
     while len(levels[-1][0]) > 1:
         total, weight = (_sums_of_four(part) for part in levels[-1])
         scale = 1 / np.maximum(weight, 1.0)  # no pixel is more than full
@@ -185,7 +193,7 @@ def _pull_push(values: Floats, weights: Floats) -> Floats:
     image = total / weight
     for total, weight in reversed(levels):
         image = total + (1 - weight) * _doubled(image)
-    return image
+    return image[:size, :size]
 
 
 def _sums_of_four(image: Floats) -> Floats:

@@ -35,6 +35,11 @@ for _name in _PUBLIC:
     globals()[_name] = sys.modules[f"bench.{_name}"] = _Renamed(f"bench.{_name}")
 
 
+def __dir__() -> list[str]:
+    """Return the public names, whose modules need not be imported yet."""
+    return sorted([*__all__, *_PUBLIC])
+
+
 def __getattr__(name: str) -> Any:
     """Return a public function, whose module is imported now."""
     if name not in __all__:

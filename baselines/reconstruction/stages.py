@@ -13,7 +13,7 @@ from data_prep.failures import StageFailure
 from data_prep.rendering.camera import CAMERA_DISTANCE, FOCAL_PX
 from data_prep.rendering.images import to_float
 from data_prep.rendering.mesh import draw_mesh
-from data_prep.scene import NEUTRAL_GREY, Images, Mesh, PointCloud, Points, View
+from data_prep.scene import IMAGE_SIZE, NEUTRAL_GREY, Images, Mesh, PointCloud, Points, View
 
 FOOTPRINT = CAMERA_DISTANCE / FOCAL_PX  # what a pixel covers at the origin
 _SPACING_NEIGHBOURS = 16
@@ -35,10 +35,11 @@ class DrawsReconstruction:
         state: Reconstruction,
         views: Sequence[View],
         rng: np.random.Generator | None = None,
+        size: int = IMAGE_SIZE,
     ) -> Images:
-        """Render the reconstructed mesh; no randomness."""
+        """Render the reconstructed mesh, in images [V, size, size, 3]; no randomness."""
         del rng
-        return to_float(draw_mesh(state.mesh, views))
+        return to_float(draw_mesh(state.mesh, views, size))
 
 
 def check_points(points: Points, least: int, what: str) -> None:

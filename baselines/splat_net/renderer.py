@@ -60,6 +60,8 @@ class SplatNetRenderer:
         self.network = weights.network.to(self.device)
         self.inputs = self.network.config.inputs
         self.size = size
+        self.precision: Precision = precision
+        self._at_sizes: dict[int, SplatNetRenderer] = {size: self}
         self.engine: FoldedSplatNet | Points2PixEngine
         if isinstance(self.network, Points2Pix):
             if size != IMAGE_SIZE or precision != "float32":
@@ -131,6 +133,14 @@ class SplatNetRenderer:
             return Projection(state, cameras(some).to(self.device), self.inputs, self.size)
 
         return self.draw_projected(project, views, views_at_once(len(state)))
+
+    def at_size(self, size: int) -> SplatNetRenderer:
+        """Return the renderer of images of a size by the same network."""
+        if size not in self._at_sizes:
+            self._at_sizes[size] = SplatNetRenderer(
+                self.weights, device=str(self.device), precision=self.precision, size=size
+            )
+        return self._at_sizes[size]
 
     @exact_inference()
     def draw_projected(

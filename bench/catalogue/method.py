@@ -11,7 +11,7 @@ import ast
 import os
 import re
 import sys
-from collections.abc import Callable, Iterable, Iterator
+from collections.abc import Callable, Iterable, Iterator, Sequence
 from contextlib import suppress
 from dataclasses import dataclass, replace
 from functools import cache, partial
@@ -31,6 +31,7 @@ if TYPE_CHECKING:
 Kind = Literal["", "reconstruction", "network", "splat", "reference"]
 Color = Literal["", "none", "invented", "true"]
 
+ANY_SIZE = range(16, 2049)  # of an image, by the methods that draw surfaces or discs
 # The names that a command has allowed. Worker processes inherit it, as they do `sys.path`.
 ALLOWED = "PC2PIX_BENCH_MODULES"
 IMAGES = "images:"  # of a folder of images on the command line, as in "images:TREE"
@@ -72,6 +73,10 @@ class Method:
     color : str
         The colours of its images: "none" (grey), "invented" (guessed by a network) or "true" (of
         the mesh); "" means unknown.
+    sizes : sequence of int
+        Sides in pixels of the images that it draws, in ascending order: 128, as a suite scores
+        them, and others for which its renderer's `draw` takes the keyword `size`. For further sizes
+        images are resampled.
     images : ImageTree or None
         The images of a method that was run elsewhere; it draws only clouds of an export, and its
         times are claimed.
@@ -88,6 +93,7 @@ class Method:
     trained_on: str | None = None
     kind: Kind = ""
     color: Color = ""
+    sizes: Sequence[int] = (128,)
     images: ImageTree | None = None
 
     @property
@@ -99,6 +105,10 @@ class Method:
     def family(self) -> str:
         """Return the id without its variant; it fixes colour and marker in every plot."""
         return family_of(self.id)
+
+    def drawn_at(self, size: int) -> int:
+        """Return the side of the images that it draws where ones of `size` are wanted."""
+        return next((side for side in self.sizes if side >= size), self.sizes[-1])
 
     @property
     def role(self) -> str:

@@ -17,7 +17,7 @@ from typing import Any, NamedTuple
 from bench.catalogue import loaders  # no package that is slow to import: `bench list` needs this
 from bench.catalogue.chosen import CHOSEN
 from bench.catalogue.lookup import family_of, find, instead_of, unknown, variant_of
-from bench.catalogue.method import IMAGES, Method, is_module_name, module_method
+from bench.catalogue.method import ANY_SIZE, IMAGES, Method, is_module_name, module_method
 from data_prep.failures import BadInput
 from data_prep.files.safe_read import is_regular_file
 from data_prep.plugins import announced, load_entry_point
@@ -40,13 +40,14 @@ def _methods() -> Iterator[Method]:
 
     sees      mesh, as only the ceiling does; cloud; or nothing, with the same images always
     version   raised by hand when a change alters its images; "" for that of its package
+    sizes     of its images in pixels, or any
     renderer  of a network the package (`_WITH_WEIGHTS_FILE`), else a class below `baselines`
     needs     of a network the name of its weights, else the libraries that its images depend on
     """
     with Path(__file__).with_suffix(".csv").open(encoding="utf-8", newline="") as file:
         for row in csv.DictReader(file):
             renderer, needs, version = row.pop("renderer"), row.pop("needs"), row.pop("version")
-            sees = row.pop("sees")
+            sees, sizes = row.pop("sees"), row.pop("sizes")
             fields: dict[str, Any] = {"sees_mesh": sees == "mesh", "sees_cloud": sees == "cloud"}
             if row["kind"] == "network":
                 package = _WITH_WEIGHTS_FILE[renderer]
@@ -57,6 +58,7 @@ def _methods() -> Iterator[Method]:
             else:
                 fields["identity"] = partial(loaders.versions, *needs.split())
                 fields["load"] = partial(loaders.renderer, renderer)
+            fields["sizes"] = ANY_SIZE if sizes == "any" else tuple(map(int, sizes.split()))
             fields |= {"version": int(version)} | _BY_HAND.get(row["id"], {})
             yield Method(**row, **fields)
 
@@ -206,6 +208,7 @@ def find_method(method_id: str) -> Method:
             source=f"{family} with the weights in {weights}",
             weights_file=partial(Path, weights),
             kind="network",
+            sizes=next(m.sizes for m in METHODS if m.family == family),
         )
     for method in BUNDLED:
         if method.id == method_id:

@@ -25,14 +25,13 @@ from bench.rendering.cloud import (
     Wanted,
     draw_each,
 )
-from bench.rendering.files import image_of_cloud, images_of_clouds, write_images
-from bench.rendering.finish import Tile, columns_of, draw_sheet, resized, without_background
+from bench.rendering.files import files_of_views, image_of_cloud, images_of_clouds, write_images
+from bench.rendering.finish import Tile, columns_of, draw_sheet
 from bench.rendering.request import RenderOptions, check, cloud_file, notes_on, views_of
 from bench.running.environment import cores
 from bench.tables.markdown import visible
 from data_prep.failures import BadInput
 from data_prep.progress import progress
-from data_prep.scene import IMAGE_SIZE
 
 _SHEET_SCALE = 2
 CLOUD = "cloud"  # the label of the dots
@@ -42,12 +41,14 @@ class _RenderResult(NamedTuple):
     """The result of `bench render`.
 
     images         that were written
+    drawn          number of clouds that have images
     failed         a line for each cloud that cannot be used, and for each method that failed
     without_image  number of clouds that are not usable, or whose methods all failed
     notes          lines on parts of files that are not used, and on the methods
     """
 
     images: tuple[Path, ...]
+    drawn: int
     failed: tuple[str, ...]
     without_image: int
     notes: Notes
@@ -57,23 +58,32 @@ def render(clouds: Sequence[Path], options: RenderOptions) -> _RenderResult:
     """Draw clouds and write an image of each, unless all methods fail.
 
     One method gives its images as they are. Several give a sheet: the points as dots, then a
-    tile for each method, with the reason in it where there is no image. Raises BadInput for options
+    tile for each method, with the reason in it where there is no image. Of several angles each has
+    an image of its own. Raises BadInput for options
     and names that cannot be used, before a worker is started, and for the file of a cloud alone;
     of several clouds a file that cannot be used is among the failed.
     """
     left_out: Notes = ()
     alone = len(clouds) == 1 and not clouds[0].is_dir()
     if alone:
-        images = {clouds[0]: image_of_cloud(clouds[0], options.out)}
+        images = {clouds[0]: image_of_cloud(clouds[0], options.out, options.format)}
     elif options.out is None:
         kind = "a folder" if clouds[0].is_dir() else "one of several clouds"
         raise BadInput(f"{clouds[0]}: {kind}; give a folder for the images, -o FOLDER")
     else:
-        images, left_out = images_of_clouds(clouds, options.out)
+        images, left_out = images_of_clouds(clouds, options.out, options.format)
     any_image = next(iter(images.values()))
     check(options, any_image)
     views = views_of(options, any_image)
-    drawings = [Drawing(method, views, options.device) for method in options.methods]
+    shots = {cloud: files_of_views(image, options.views) for cloud, image in images.items()}
+    for image in shots[clouds[0]] if options.out is None else ():
+        if image.exists():
+            raise BadInput(f"{image}: exists already; -o {image} replaces it, -o NAME keeps both")
+    size, background = options.size, options.background
+    drawings = [
+        Drawing(method, views, options.device, size=size, background=background)
+        for method in options.methods
+    ]
     wanted = [*([Dots(views)] if len(drawings) > 1 else []), *drawings]
     files = {cloud: cloud_file(cloud, options) for cloud in images}
     failed: dict[Path, list[str]] = {}
@@ -87,10 +97,13 @@ def render(clouds: Sequence[Path], options: RenderOptions) -> _RenderResult:
         notes[cloud] = of_file
         failed[cloud] = [str(unusable)] if unusable else _failures(file, drawn, named=not alone)
         if unusable is None and len(failed[cloud]) < len(drawings):
-            write_images(_finished(drawn, options), images[cloud])
+            frames, shot = _finished(drawn), shots[cloud]
+            for i, image in enumerate(shot):
+                write_images(frames if len(shot) == 1 else frames[i : i + 1], image)
             written.add(cloud)
     return _RenderResult(
-        tuple(image for cloud, image in images.items() if cloud in written),
+        tuple(image for cloud, shot in shots.items() if cloud in written for image in shot),
+        len(written),
         tuple(line for cloud in images for line in failed[cloud]),
         len(images) - len(written),
         left_out + _joined({cloud: notes[cloud] for cloud in images}) + notes_on(options),
@@ -150,15 +163,12 @@ def _draw_all(
                 yield file, {request: drawn[request] for request in wanted}, tuple(notes.pop(file))
 
 
-def _finished(drawn: Mapping[Wanted, Drawn], options: RenderOptions) -> NDArray[np.uint8]:
+def _finished(drawn: Mapping[Wanted, Drawn]) -> NDArray[np.uint8]:
     """Return the images to write: those of the only method, or a sheet."""
     if len(drawn) == 1:
         (images,) = drawn.values()
         assert isinstance(images, np.ndarray)
-        size = options.size or IMAGE_SIZE
-        if options.background == "transparent":
-            return without_background(images, size)
-        return images if size == IMAGE_SIZE else resized(images, size)
+        return images
     tiles = []
     for drawing, images in drawn.items():
         assert not isinstance(images, BadInput)
@@ -192,7 +202,7 @@ def render_clouds(
         print(f"note: {visible(note)}", file=sys.stderr)
     for line in result.failed:
         print(f"bench: {visible(line)}", file=sys.stderr)
-    count = len(result.images) + result.without_image
+    count = result.drawn + result.without_image
     if result.without_image and count > 1:
         print(f"bench: {result.without_image} of {count} clouds have no image", file=sys.stderr)
     if result.images and (options.out is None or options.method is None):

@@ -189,11 +189,11 @@ class Lpips:
 def lpips(
     a: NDArray[np.uint8], b: NDArray[np.uint8], net: Net = "alex", *, single: bool = False
 ) -> NDArray[np.float64]:
-    """Return LPIPS v0.1 of pairs of images; lower is better.
+    """Return LPIPS v0.1 of two images, or of pairs; lower is better.
 
     Parameters
     ----------
-    a, b : uint8 array, [N, H, W, 3]
+    a, b : uint8 array, [N, H, W, 3] or [H, W, 3]
         Images and their counterparts, with sides from 31 px ("alex") or 16 px ("vgg").
     net : {"alex", "vgg"}
         The trunk.
@@ -202,14 +202,14 @@ def lpips(
 
     Returns
     -------
-    float64 array, [N]
+    float64 array [N], or a number
         Distance of each pair, >= 0; 0 for identical images.
 
     Raises
     ------
     ValueError
-        For another trunk, for arrays that are not uint8 [N, H, W, 3] or differ in shape, and for
-        too small images.
+        For another trunk, for arrays that are not uint8 or of another shape or differ in shape,
+        and for too small images.
     WeightsUnavailable
         Where the package with the weights is not installed.
     BadInput
@@ -219,6 +219,8 @@ def lpips(
         raise ValueError(f"net must be {' or '.join(TRUNKS)}, got {net!r}")
     if a.shape != b.shape:
         raise ValueError(f"stacks of images must have the same shape, got {a.shape} and {b.shape}")
+    if np.ndim(a) == 3:
+        return lpips(a[None], b[None], net, single=single)[0]
     for images in (a, b):
         require_images(images, TRUNKS[net].least)
     dtype = torch.float32 if single else torch.float64

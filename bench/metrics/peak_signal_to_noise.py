@@ -19,27 +19,29 @@ _PEAK = 255.0
 
 
 def psnr(a: NDArray[np.uint8], b: NDArray[np.uint8]) -> NDArray[np.float64]:
-    """Return the peak signal-to-noise ratio of pairs of images; higher is better; symmetric.
+    """Return the peak signal-to-noise ratio of two images, or of pairs; symmetric.
 
     The sum of squares is exact, hence a value does not depend on the other images.
 
     Parameters
     ----------
-    a, b : uint8 array, [N, H, W, C]
+    a, b : uint8 array, [N, H, W, C] or [H, W, C]
         Images and their counterparts.
 
     Returns
     -------
-    float64 array, [N]
-        Ratio in dB, from 0 (black against white) to 20 log10(255) + 10 log10(H * W * C), which
-        identical images have.
+    float64 array [N], or a number
+        Ratio in dB, higher is better, from 0 (black against white) to 20 log10(255) +
+        10 log10(H * W * C), which identical images have.
 
     Raises
     ------
     ValueError
-        Where an array is not uint8 or not [N, H, W, C], where the shapes differ, and where there is
+        Where an array is not uint8 or of another shape, where the shapes differ, and where there is
         nothing to compare (a dimension of 0).
     """
+    if np.ndim(a) == np.ndim(b) == 3:
+        return psnr(a[None], b[None])[0]
     require_images(a, b)
     squares = np.empty(len(a))
     apart = np.empty(a.shape[1:])

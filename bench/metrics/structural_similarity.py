@@ -76,13 +76,13 @@ class _SsimPerImage(NamedTuple):
 
 
 def ssim(a: NDArray[np.uint8], b: NDArray[np.uint8]) -> Ssim:
-    """Return the structural similarity of two stacks of images; symmetric.
+    """Return the structural similarity of two images, or of two stacks; symmetric.
 
     The module's docstring states the protocol. All images weigh the same.
 
     Parameters
     ----------
-    a, b : uint8 array, [N, H, W, C]
+    a, b : uint8 array, [N, H, W, C] or [H, W, C]
         Images and their counterparts.
 
     Returns
@@ -93,9 +93,11 @@ def ssim(a: NDArray[np.uint8], b: NDArray[np.uint8]) -> Ssim:
     Raises
     ------
     ValueError
-        Where an array is not uint8 or not [N, H, W, C], where the shapes differ, and where there is
+        Where an array is not uint8 or of another shape, where the shapes differ, and where there is
         nothing to compare (a dimension of 0).
     """
+    if np.ndim(a) == np.ndim(b) == 3:
+        return ssim(a[None], b[None])
     per_image = ssim_per_image(a, b)
     return Ssim(*(float(values.mean()) for values in per_image))
 

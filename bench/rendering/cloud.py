@@ -6,7 +6,7 @@ from collections.abc import Iterable, Iterator, Sequence
 from dataclasses import dataclass
 from functools import partial
 from pathlib import Path
-from typing import cast
+from typing import Literal, cast
 
 import numpy as np
 from numpy.typing import NDArray
@@ -14,6 +14,7 @@ from numpy.typing import NDArray
 from bench.catalogue.methods import Method, find_method
 from bench.catalogue.suites import Limits
 from bench.rendering.drawing_thread import on_drawing_thread, one_pool
+from bench.rendering.finish import resized, without_background
 from bench.running.isolation import WorkerFailure, run_tasks
 from bench.running.work import draw, load_renderer, reason_of
 from data_prep.clouds.coarse_steps import note_on_steps
@@ -26,7 +27,7 @@ from data_prep.files.cloud_contents import CloudContents, PointColors
 from data_prep.files.clouds import read_cloud
 from data_prep.randomness import generator
 from data_prep.rendering.dots import draw_dots
-from data_prep.scene import CLOUD_SIZE, PointCloud, Renderer, UInt8Images, View
+from data_prep.scene import CLOUD_SIZE, IMAGE_SIZE, PointCloud, Renderer, UInt8Images, View
 
 _Z_UP = (".las", ".laz", ".e57")  # formats of surveys: z is the height
 _COLOUR_METHOD = "splat"  # draws the colours of a file
@@ -41,6 +42,7 @@ _FEWEST_HINTED, _MOST_HINTED = 256, 2048  # points
 _SYMMETRIC, _ASYMMETRIC = 1.2, 3.0
 _LINE = 1e-3  # thickness by length
 LIMITS = Limits(time_s=120.0, memory_gib=4.0)
+Background = Literal["white", "transparent"]
 Notes = tuple[str, ...]  # a line for each part of a file that is left out
 
 
@@ -252,6 +254,11 @@ class Drawing:
         Views a call; None draws all in one.
     rng : Generator or None
         Random numbers for the method; None takes those of `bench render`, the same each time.
+    size : int
+        Side of the images in pixels, 16 to 2048. Methods that cannot draw it draw another one
+        (`bench.methods.Method.sizes`), which is resampled.
+    background : str
+        "white", or "transparent": images uint8 [V, size, size, 4], the last channel their opacity.
     """
 
     method: str
@@ -259,6 +266,8 @@ class Drawing:
     device: str = "auto"
     batch: int | None = None
     rng: np.random.Generator | None = None
+    size: int = IMAGE_SIZE
+    background: Background = "white"
 
 
 @dataclass(frozen=True, eq=False)
@@ -313,7 +322,7 @@ def draw_file(file: CloudFile, drawing: Drawing, limits: Limits = LIMITS) -> UIn
     Returns
     -------
     ndarray or Failed
-        uint8 [views, 128, 128, 3]; or the failure of the method, or of its worker.
+        uint8 [views, size, size, 3 or 4]; or the failure of the method, or of its worker.
 
     Raises
     ------
@@ -362,7 +371,7 @@ def draw_cloud(
     Returns
     -------
     ndarray or Failed
-        uint8 [views, 128, 128, 3], or the failure of the method.
+        uint8 [views, size, size, 3 or 4], or the failure of the method.
 
     Raises
     ------
@@ -376,21 +385,28 @@ def _draw(cloud: PointCloud, drawing: Drawing, colors: PointColors | None) -> UI
     if colors is not None:
         check_draws_colours(drawing.method)
     renderer: Renderer | None = None
-    rng = drawing.rng or generator("render")
     try:
         renderer = load_renderer(drawing.method, drawing.device)
         if colors is not None:
             from baselines.splat import Splat
 
             renderer = Splat(colors=colors)
-        method = find_method(drawing.method)
-        return draw(method, renderer, cloud, drawing.views, rng, drawing.batch).images
+        return draw_views(renderer, cloud, drawing)
     except MissingDependency:
         raise
     except (Exception, SystemExit) as error:
         if renderer is None and isinstance(error, BadInput):  # unusable weights, for example
             raise
         return Failed(reason_of(error))
+
+
+def draw_views(renderer: Renderer, cloud: PointCloud, drawing: Drawing) -> NDArray[np.uint8]:
+    """Return the images of a drawing by the renderer of its method; raise what that raises."""
+    method, rng = find_method(drawing.method), drawing.rng or generator("render")
+    side = method.drawn_at(drawing.size)
+    drawn = draw(method, renderer, cloud, drawing.views, rng, drawing.batch, side=side).images
+    finish = without_background if drawing.background == "transparent" else resized
+    return finish(drawn, drawing.size)
 
 
 def check_draws_colours(method_id: str) -> None:

@@ -1,4 +1,4 @@
-"""Files of images: their names, and PNG or turntables as GIF, WebP or APNG, by the suffix."""
+"""Files of images: their names, and PNG, JPEG, WebP, GIF or APNG, by the suffix."""
 
 from __future__ import annotations
 
@@ -14,29 +14,28 @@ from data_prep.datasets.dataset import listed
 from data_prep.failures import BadInput
 from data_prep.files.atomic_write import write_whole
 from data_prep.files.clouds import CLOUD_SUFFIXES, check_cloud_name, clouds_below
+from data_prep.scene import View
 
 if TYPE_CHECKING:
     from PIL.Image import Image
 
-_STILL = ".png"
+_STILL = (".png", ".jpg", ".jpeg")
 MOVING = (".gif", ".webp", ".apng")
+_FORMS = {".gif": "GIF", ".webp": "WEBP", ".jpg": "JPEG", ".jpeg": "JPEG"}  # others are PNG
 _TURN_MS = 3600  # about, of a turntable
 _LEAST_MS = 40  # 25 frames a second
 _GIF_MS = 10  # a GIF counts in hundredths of a second
 _KMEANS_STEPS = 4  # turntable of one chair: 4.8 grey levels off (rms) in place of 5.4
 
 
-def image_of_cloud(cloud: Path, out: Path | None) -> Path:
-    """Return the image of a cloud alone: `out`, or beside it, with its name and .png.
+def image_of_cloud(cloud: Path, out: Path | None, form: str = "png") -> Path:
+    """Return the image of a cloud alone: `out`, or beside it, with its name, in a format.
 
-    Raises BadInput for a file that cannot be one, and for an existing image that `out` does not
-    name.
+    Raises BadInput for a file that cannot be one.
     """
     # The cloud's name is checked before it becomes that of the image.
     _check_file(cloud)
-    image = out or cloud.with_suffix(_STILL)
-    if out is None and image.exists():
-        raise BadInput(f"{image}: exists already; -o {image} replaces it, -o NAME keeps both")
+    image = out or cloud.with_suffix(f".{form}")
     moves(image)  # raises BadInput for the name of another kind of file
     if image.is_dir():
         raise BadInput(f"{image}: a folder; give another -o")
@@ -44,16 +43,24 @@ def image_of_cloud(cloud: Path, out: Path | None) -> Path:
     return image
 
 
+def files_of_views(image: Path, views: Sequence[View]) -> tuple[Path, ...]:
+    """Return the file of each view, its angles in the name, or of a turntable or the only view."""
+    if len(views) == 1:
+        return (image,)
+    angles = (f"az{view.azimuth_deg:g}-el{view.elevation_deg:g}" for view in views)
+    return tuple(image.with_name(f"{image.stem}-{name}{image.suffix}") for name in angles)
+
+
 def images_of_clouds(
-    paths: Sequence[Path], folder: Path
+    paths: Sequence[Path], folder: Path, form: str = "png"
 ) -> tuple[Mapping[Path, Path], tuple[str, ...]]:
-    """Return the image of each cloud, `folder` / its name and .png, and notes on other files.
+    """Return the image of each cloud, `folder` / its name, in a format, and notes on other files.
 
     All clouds below a folder are taken, and keep their sub-folders. `folder` need not exist. Raises
     BadInput for a path without clouds, for clouds that would have the same image, and where
     `folder` cannot be the folder.
     """
-    if folder.suffix.lower() in (_STILL, *MOVING) and not folder.is_dir():
+    if folder.suffix.lower() in (*_STILL, *MOVING) and not folder.is_dir():
         raise BadInput(f"{folder}: one name for several clouds; give the folder of their images")
     if folder.exists() and not folder.is_dir():
         raise BadInput(f"{folder}: a file; give the folder of the images")
@@ -79,7 +86,7 @@ def images_of_clouds(
         for cloud in named:
             if cloud in images:  # named twice
                 continue
-            image = images[cloud] = folder / cloud.relative_to(root).with_suffix(_STILL)
+            image = images[cloud] = folder / cloud.relative_to(root).with_suffix(f".{form}")
             if clouds.setdefault(image, cloud) != cloud:
                 raise BadInput(
                     f"{clouds[image]} and {cloud} would both be drawn as {image}; rename one, or "
@@ -102,19 +109,19 @@ def _check_parent(path: Path) -> None:
 def moves(path: Path) -> bool:
     """Return whether a name is a turntable's, else an image's. Raises BadInput for any other."""
     suffix = path.suffix.lower()
-    if suffix != _STILL and suffix not in MOVING:
+    if suffix not in (*_STILL, *MOVING):
         raise BadInput(
-            f"{path}: images are written as PNG, turntables as GIF, WebP or APNG; give a name "
-            f"that ends in {_STILL}, {', '.join(MOVING[:-1])} or {MOVING[-1]}"
+            f"{path}: images are written as PNG or JPEG, turntables as GIF, WebP or APNG; give a "
+            f"name that ends in {', '.join(_STILL[:2])}, {', '.join(MOVING[:-1])} or {MOVING[-1]}"
         )
     return suffix in MOVING
 
 
 def check_opacity(path: Path) -> None:
     """Raise BadInput for the name of a file, of those that `moves` lets pass, without opacity."""
-    if path.suffix.lower() == ".gif":
+    if (form := _FORMS.get(path.suffix.lower())) in ("GIF", "JPEG"):
         raise BadInput(
-            f"{path}: a GIF has no opacity of its pixels; give a name that "
+            f"{path}: a {form} has no opacity of its pixels; give a name that "
             "ends in .png, .apng or .webp"
         )
 
@@ -122,30 +129,31 @@ def check_opacity(path: Path) -> None:
 def write_images(frames: NDArray[np.uint8], path: Path) -> None:
     """Write an image, or a turntable that loops, whole or not at all.
 
-    PNG, APNG and WebP keep the pixels, a GIF has 256 colours.
+    PNG, APNG and WebP keep the pixels, a GIF has 256 colours, a JPEG is compressed (quality 95).
 
     Parameters
     ----------
     frames : ndarray
-        uint8 [F, H, W, 3], or [F, H, W, 4] with an opacity, which a GIF cannot have; a PNG takes
-        the first one.
+        uint8 [F, H, W, 3], or [F, H, W, 4] with an opacity, which a GIF and a JPEG cannot have; a
+        PNG and a JPEG take the first one.
     path : Path
-        .png for an image, .gif, .webp or .apng for a turntable.
+        .png or .jpg for an image, .gif, .webp or .apng for a turntable.
 
     Raises
     ------
     data_prep.failures.BadInput
-        For another suffix, and for an opacity in a GIF.
+        For another suffix, and for an opacity in a GIF or a JPEG.
     data_prep.failures.CannotWrite
         Where the file cannot be written.
     """
     from PIL import Image
 
-    turns, form = moves(path), {".gif": "GIF", ".webp": "WEBP"}.get(path.suffix.lower(), "PNG")
+    turns, form = moves(path), _FORMS.get(path.suffix.lower(), "PNG")
     if frames.shape[-1] == 4:
         check_opacity(path)
     images = in_one_palette(frames) if form == "GIF" else list(map(Image.fromarray, frames))
-    film: dict[str, Any] = {"lossless": True} if form == "WEBP" else {}
+    best = {"WEBP": {"lossless": True}, "JPEG": {"quality": 95, "subsampling": 0}}
+    film: dict[str, Any] = best.get(form, {})
     if turns:
         frame_ms = max(_LEAST_MS, round(_TURN_MS / len(frames) / _GIF_MS) * _GIF_MS)
         film |= {"save_all": True, "duration": frame_ms, "loop": 0, "append_images": images[1:]}

@@ -18,7 +18,6 @@ from data_prep.scene import IMAGE_SIZE, UInt8Images
 if TYPE_CHECKING:
     from PIL.ImageFont import FreeTypeFont, ImageFont
 
-LEAST_SIZE, MOST_SIZE = 16, 2048
 _BACKGROUND = 8 / 255  # less dark is background: networks draw it a little off white
 _EDGE_PX = 2  # the smoothed edges of networks; those of meshes take one
 MARGIN = 6
@@ -31,6 +30,8 @@ _MOST_A_ROW = 5
 
 def resized(images: NDArray[np.uint8], size: int) -> NDArray[np.uint8]:
     """Return images [F, H, W, 3] as [F, size, size, 3], by Lanczos' filter."""
+    if images.shape[1:3] == (size, size):
+        return images
     from PIL import Image
 
     lanczos = Image.Resampling.LANCZOS

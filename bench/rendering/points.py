@@ -1,4 +1,4 @@
-"""Images of an array of points, in one call."""
+"""Images of an array of points, or of a file, in one call."""
 
 from __future__ import annotations
 
@@ -6,21 +6,40 @@ import sys
 from collections.abc import Sequence
 from dataclasses import dataclass
 from functools import cache, partial
-from typing import Any, TypedDict, Unpack, cast
+from pathlib import Path
+from typing import Any, Literal, TypedDict, Unpack, cast, get_args, overload
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
-from bench.rendering.cloud import find_drawer, places
+from bench.catalogue.method import ANY_SIZE
+from bench.catalogue.methods import METHODS
+from bench.rendering.cloud import (
+    Background,
+    CloudFile,
+    Drawing,
+    Notes,
+    draw_views,
+    find_drawer,
+    places,
+)
 from bench.rendering.drawing_thread import on_drawing_thread
-from bench.rendering.request import methods_to_draw, notes_on_methods
-from bench.running.work import draw, load_renderer
+from bench.rendering.request import methods_to_draw, notes_on_methods, notes_on_size
+from bench.running.work import load_renderer
 from data_prep.clouds.normalise import cloud_of_points, real_points
 from data_prep.failures import BadInput
 from data_prep.files.cloud_contents import axis_columns
 from data_prep.files.safe_read import shown
-from data_prep.randomness import generator
-from data_prep.scene import View
+from data_prep.rendering.camera import FARTHEST
+from data_prep.rendering.raycast import surface_maps
+from data_prep.scene import IMAGE_SIZE, Images, Mesh, PointCloud, Renderer, View
+
+_SPELT = {  # what a note on a file names, in Python
+    "--drop-invalid": "drop_invalid=True",
+    "--drop-far": "drop_far=True",
+    "--up z": 'up="z"',
+    "--up y": 'up="y"',
+}
 
 
 class DrawOptions(TypedDict, total=False):
@@ -33,6 +52,31 @@ class DrawOptions(TypedDict, total=False):
     budget_ms: float | None
     drop_far: bool
     device: str
+    size: int
+    background: Background
+    drop_invalid: bool
+    columns: Sequence[int | str] | None
+
+
+@dataclass(frozen=True, eq=False)
+class SurfaceMaps:
+    """The surface that a method has made of a cloud, in an image.
+
+    Attributes
+    ----------
+    depth : ndarray
+        float32 [size, size]: the distance to the camera along its axis, in unit-sphere units (the
+        centre is 4 away), mean of a pixel's samples; infinite where the surface is not.
+    mask : ndarray
+        float32 [size, size]: the share of a pixel that the surface covers, 0 to 1.
+    normals : ndarray
+        float32 [size, size, 3]: the mean normal of what a pixel shows in the camera's frame, +X to
+        the right, +Y up and +Z to the camera; 0 where the surface is not.
+    """
+
+    depth: NDArray[np.float32]
+    mask: NDArray[np.float32]
+    normals: NDArray[np.float32]
 
 
 @dataclass(frozen=True)
@@ -56,6 +100,17 @@ class DrawRequest:
         on stderr tells of them.
     device : str
         "auto", "cpu" or "cuda", for networks.
+    size : int
+        Side of the images in pixels, 16 to 2048. Surfaces and discs are drawn so; images of
+        networks are resampled, and a line on stderr says so.
+    background : str
+        "white", or "transparent", with the opacity as a fourth channel.
+    drop_invalid : bool
+        Whether to leave out points that are not finite, with a line on stderr; else they are
+        refused.
+    columns : sequence or None
+        The columns of x, y and z in an array, counted from 0, or their names in a DataFrame. None:
+        the only three, the first three of six, or those named x, y and z.
     """
 
     up: str = "y"
@@ -65,77 +120,216 @@ class DrawRequest:
     budget_ms: float | None = None
     drop_far: bool = False
     device: str = "auto"
+    size: int = IMAGE_SIZE
+    background: Background = "white"
+    drop_invalid: bool = False
+    columns: Sequence[int | str] | None = None
 
-    def draw(self, points: ArrayLike, views: Sequence[View]) -> NDArray[np.uint8]:
-        """Return the images, uint8 [V, 128, 128, 3]. Raises as `draw_cloud`."""
-        return on_drawing_thread(partial(self._draw, points, views))
+    def __post_init__(self) -> None:
+        if not isinstance(self.size, int | np.integer) or self.size not in ANY_SIZE:
+            raise BadInput(
+                f"size {self.size!r}: must be a whole number, {ANY_SIZE[0]} to {ANY_SIZE[-1]}"
+            )
+        if self.background not in get_args(Background):
+            raise BadInput(f"background {self.background!r}: must be white or transparent")
 
-    def _draw(self, points: ArrayLike, views: Sequence[View]) -> NDArray[np.uint8]:
+    def draw(self, points: ArrayLike | Path, views: Sequence[View]) -> NDArray[np.uint8]:
+        """Return the images, uint8 [V, size, size, 3 or 4]. Raises as `draw_cloud`."""
+        return on_drawing_thread(partial(self._draw, points, views))[0]
+
+    def draw_with_maps(
+        self, points: ArrayLike | Path, view: View
+    ) -> tuple[NDArray[np.uint8], SurfaceMaps]:
+        """Return the image, and the surface in it. Raises as `draw_cloud`."""
+        return on_drawing_thread(partial(self._draw_with_maps, points, view))
+
+    def _draw_with_maps(
+        self, points: ArrayLike | Path, view: View
+    ) -> tuple[NDArray[np.uint8], SurfaceMaps]:
+        (image,), state = self._draw(points, [view])
+        if not isinstance(mesh := getattr(state, "mesh", None), Mesh):
+            (method,) = methods_to_draw((self.method,) if self.method else (), self.colour)
+            some = ", ".join(m.id for m in METHODS if m.kind == "reconstruction")
+            raise BadInput(
+                f"method '{method}' makes no surface, so that there are no maps of it; give "
+                f"method='occupancy-net' or one of {some}, or leave out return_maps"
+            )
+        (planes,) = surface_maps(mesh, [view], self.size, limited=False)
+        mask, nearness, *normal = planes
+        depth = np.where(mask > 0, FARTHEST - 2 * nearness, np.float32(np.inf))
+        return image, SurfaceMaps(depth, mask, np.stack(normal, axis=-1))
+
+    def _draw(
+        self, points: ArrayLike | Path, views: Sequence[View]
+    ) -> tuple[NDArray[np.uint8], Any]:
+        """Return the images, and the method's state of the cloud."""
         named = (self.method,) if self.method is not None else ()
         (method_id,) = methods_to_draw(named, self.colour, self.budget_ms)
-        method = find_drawer(method_id)
-        labels = [label for label in getattr(points, "columns", ()) if isinstance(label, str)]
-        axes = axis_columns(labels)
-        if not axes and not all(map(str.isdigit, labels)):
-            raise BadInput(
-                f"points: columns {shown(', '.join(labels))}; name three of them x, y and z"
-            )
-        values = real_points(cast("Any", points)[[labels[i] for i in axes]] if axes else points)
-        far, notes = places(values, self.drop_far, "drop_far=True")
-        cloud = cloud_of_points(values[~far] if self.drop_far else values, self.up, self.front)
-        renderer = load_renderer(method_id, self.device)
-        for note in (*notes, *notes_on_methods((method_id,), self.budget_ms)):
+        find_drawer(method_id)
+        cloud, notes = (
+            self._of_file(Path(points))
+            if isinstance(points, str | Path)
+            else self._of_array(points)
+        )
+        renderer = _Keeper(load_renderer(method_id, self.device))
+        of_method = notes_on_methods((method_id,), self.budget_ms)
+        for note in (*notes, *of_method, *notes_on_size((method_id,), self.size)):
             _note_once(note)
-        return draw(method, renderer, cloud, views, generator("render")).images
+        more = {"size": int(self.size), "background": self.background}
+        images = draw_views(renderer, cloud, Drawing(method_id, tuple(views), **more))
+        return images, renderer.state
+
+    def _of_file(self, path: Path) -> tuple[PointCloud, Notes]:
+        if self.columns is not None:
+            raise BadInput(
+                f"{path}: columns are of an array; name those of a file in its first line"
+            )
+        drops = {"drop_invalid": self.drop_invalid, "drop_far": self.drop_far}
+        file = CloudFile(path, False, self.up, self.front, up_unknown=self.up == "y", **drops)
+        try:
+            cloud, notes = file.load_with_notes()
+        except BadInput as error:
+            raise BadInput(_in_python(str(error))) from error
+        return cloud, tuple(map(_in_python, notes))
+
+    def _of_array(self, points: ArrayLike) -> tuple[PointCloud, Notes]:
+        chosen, notes = _three_columns(points, self.columns)
+        values = real_points(chosen)
+        kept = values[np.isfinite(values).all(axis=1)] if self.drop_invalid else values
+        if fewer := len(values) - len(kept):
+            lost = f"{fewer} of {len(values)} points are left out, they are not finite"
+            notes, values = (*notes, lost), kept
+        far, of_places = places(values, self.drop_far, "drop_far=True")
+        values = values[~far] if self.drop_far else values
+        return cloud_of_points(values, self.up, self.front), (*notes, *of_places)
 
 
+class _Keeper:
+    """A renderer that keeps the state of its last cloud."""
+
+    def __init__(self, renderer: Renderer) -> None:
+        self.renderer = renderer
+
+    def prepare(self, cloud: PointCloud, rng: np.random.Generator) -> Any:
+        self.state = self.renderer.prepare(cloud, rng)
+        return self.state
+
+    def draw(
+        self, state: Any, views: Sequence[View], rng: np.random.Generator, **size: int
+    ) -> Images:
+        return self.renderer.draw(state, views, rng, **size)
+
+
+def _in_python(text: str) -> str:
+    for option, spelt in _SPELT.items():
+        text = text.replace(option, spelt)
+    return text
+
+
+def _three_columns(points: Any, columns: Sequence[int | str] | None) -> tuple[ArrayLike, Notes]:
+    """Return the columns of x, y and z, and a note where others are left out unasked."""
+    labels = [label for label in getattr(points, "columns", ()) if isinstance(label, str)]
+    given = points if hasattr(points, "shape") else cast("Any", np.asarray(points))
+    if columns is not None:
+        try:
+            some = list(columns)
+            chosen = points[some] if labels else given[:, some]
+        except (LookupError, TypeError, ValueError) as error:
+            raise BadInput(
+                f"columns {columns!r}: not in points of shape {list(given.shape)}; give three "
+                "numbers from 0, or three names of a DataFrame"
+            ) from error
+        return chosen, ()
+    if axes := axis_columns(labels):
+        return points[[labels[i] for i in axes]], ()
+    if not all(map(str.isdigit, labels)):
+        raise BadInput(
+            f"points: columns {shown(', '.join(labels))}; name three of them x, y and z, or give "
+            "columns="
+        )
+    if not labels and len(given.shape) == 2 and given.shape[1] == 6:
+        return given[:, :3], (
+            "points: columns 3 to 5 of [N, 6], colours or normals, are not used; columns= chooses",
+        )
+    return points, ()
+
+
+@overload
 def draw_cloud(
-    points: ArrayLike,
+    points: ArrayLike | Path,
     azimuth_deg: float = 30.0,
     elevation_deg: float = 20.0,
+    *,
+    return_maps: Literal[False] = False,
     **options: Unpack[DrawOptions],
-) -> NDArray[np.uint8]:
+) -> NDArray[np.uint8]: ...
+@overload
+def draw_cloud(
+    points: ArrayLike | Path,
+    azimuth_deg: float = 30.0,
+    elevation_deg: float = 20.0,
+    *,
+    return_maps: Literal[True],
+    **options: Unpack[DrawOptions],
+) -> tuple[NDArray[np.uint8], SurfaceMaps]: ...
+def draw_cloud(
+    points: ArrayLike | Path,
+    azimuth_deg: float = 30.0,
+    elevation_deg: float = 20.0,
+    *,
+    return_maps: bool = False,
+    **options: Unpack[DrawOptions],
+) -> Any:
     """Return an image of points in any units and anywhere, as `bench render` draws it.
 
     The method runs in this process, where a native library may crash or hang; the default is a
     network. Its weights are read once a process. Any thread may call this; draws are done one after
     the other, in a thread of their own. Lines on stderr, each once a process, name a method that
-    was trained on chairs alone, points far from the others, and coordinates that lie in steps.
+    was trained on chairs alone, images that are resampled, columns that are not used, points far
+    from the others, and coordinates that lie in steps.
 
     Parameters
     ----------
-    points : array_like
-        Real numbers [N, 3]; rows with masked values are left out, with a warning. Of a DataFrame
-        the columns named x, y and z.
+    points : array_like or path
+        Real numbers [N, 3], or [N, 6] of which the first three count; rows with masked values are
+        left out, with a warning. Of a DataFrame the columns named x, y and z. Or a file of points,
+        as `bench render` reads it.
     azimuth_deg : float
         0 is the front, 90 the side of +X (see `data_prep.scene`).
     elevation_deg : float
         -90..90; the networks were trained within -40..40.
+    return_maps : bool
+        Whether to return the depth, mask and normals of the method's surface as well.
     **options
-        `up`, `front`, `method`, `colour`, `budget_ms`, `drop_far` and `device` of `DrawRequest`.
+        `up`, `front`, `method`, `colour`, `budget_ms`, `drop_far`, `device`, `size`, `background`,
+        `drop_invalid` and `columns` of `bench.rendering.points.DrawRequest`.
 
     Returns
     -------
-    ndarray
-        uint8 [128, 128, 3] on white.
+    ndarray, or ndarray and SurfaceMaps
+        uint8 [size, size, 3] on white, or [size, size, 4]; with `return_maps` also the maps.
 
     Raises
     ------
     data_prep.failures.BadInput
-        For a cloud without points, without extent or with points that are not finite, for an
-        unknown axis or method, for unusable weights, for a budget below the cheapest method, and
-        for a method with a budget. It is a ValueError.
+        For a cloud without points, without extent or with points that are not finite, for a file
+        that is no cloud, for an unknown axis, method, size, background or column, for unusable
+        weights, for a budget below the cheapest method, for a method with a budget, and for maps
+        of a method that makes no surface. It is a ValueError.
     ValueError
         For `points` that are no array [N, 3] of real numbers, and for an angle out of its range.
+    TypeError
+        For an option that there is not.
     data_prep.failures.StageFailure
         Where the method cannot draw this cloud.
     """
     request = _request("draw_cloud", "azimuth_deg", options)
-    return request.draw(points, [View(azimuth_deg, elevation_deg)])[0]
+    view = View(azimuth_deg, elevation_deg)
+    return request.draw_with_maps(points, view) if return_maps else request.draw(points, [view])[0]
 
 
 def turntable(
-    points: ArrayLike,
+    points: ArrayLike | Path,
     frames: int = 36,
     elevation_deg: float = 20.0,
     **options: Unpack[DrawOptions],
@@ -152,7 +346,7 @@ def turntable(
     Returns
     -------
     ndarray
-        uint8 [frames, 128, 128, 3] on white.
+        uint8 [frames, size, size, 3] on white, or [frames, size, size, 4].
 
     Raises
     ------

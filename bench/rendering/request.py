@@ -2,18 +2,20 @@
 
 from __future__ import annotations
 
+import itertools
 from collections.abc import Sequence
 from dataclasses import dataclass, field
+from enum import StrEnum
 from pathlib import Path
 from typing import Any, Literal
 
 import numpy as np
 
 from bench.catalogue.chosen import best_within, budget_ms_of
+from bench.catalogue.method import ANY_SIZE
 from bench.catalogue.methods import RECOMMENDED, RECOMMENDED_IN_COLOUR, find_method
 from bench.rendering.cloud import CloudFile, Notes, check_draws_colours
 from bench.rendering.files import MOVING, check_opacity, moves
-from bench.rendering.finish import LEAST_SIZE, MOST_SIZE
 from data_prep.clouds.orientations import upright
 from data_prep.failures import BadInput
 from data_prep.scene import IMAGE_SIZE, View
@@ -23,9 +25,48 @@ _MOST_FRAMES = 120  # steps of 3 degrees; a sheet of ten methods takes 300 MB
 _MOST_PIXELS = 2**25  # of a turntable of another size: 100 MB, and ten times as many for a GIF
 
 
-def _option(default: Any, help: str, **parts: Any) -> Any:
+def _option(value: Any, help: str, **parts: Any) -> Any:
     """Return a field with the parts of its option, `bench.commands.options.OptionSpec`."""
-    return field(default=default, metadata={"help": help, **parts})
+    return field(default=value, metadata={"help": help, **parts})
+
+
+def _angles(default: float, help: str) -> Any:
+    """Return a field of angles, given separated by commas."""
+
+    def read(text: str) -> tuple[float, ...]:
+        try:
+            return tuple(map(float, text.split(",")))
+        except ValueError as error:
+            raise BadInput(
+                f"'{text}': no angles; give degrees separated by commas, as in 0,90,180"
+            ) from error
+
+    more = {"metavar": "DEGREES", "kind": str, "convert": read, "default": f"{default:g}"}
+    return _option((default,), f"{help}. Several, comma-separated, make an image each.", **more)
+
+
+def _size(text: str) -> int:
+    if "x" in text.lower():
+        raise BadInput(
+            f"--size {text}: images are square, as the unit sphere just fits; give one number"
+        )
+    try:
+        size = int(text)
+    except ValueError as error:
+        raise BadInput(f"--size {text}: no whole number of pixels; give one, as in 512") from error
+    if size not in ANY_SIZE:
+        raise BadInput(f"--size {size}: must be {ANY_SIZE[0]} to {ANY_SIZE[-1]}")
+    return size
+
+
+class _ImageFormat(StrEnum):
+    """The formats of images and of turntables."""
+
+    png = "png"
+    jpg = "jpg"
+    webp = "webp"
+    gif = "gif"
+    apng = "apng"
 
 
 @dataclass(frozen=True)
@@ -51,15 +92,26 @@ class RenderOptions:
         "images are replaced. Default: beside the cloud, with its name and .png.",
         flag="--out -o",
     )
-    azimuth: float = _option(30.0, "Azimuth in degrees; 0 is the front.")
-    elevation: float = _option(20.0, "Elevation in degrees, -90 to 90; 0 is level.")
-    frames: int | None = _option(
-        None, f"Images of a turntable, from the azimuth all around. Default: {_FRAMES}."
+    azimuth: tuple[float, ...] = _angles(30.0, "Azimuth in degrees; 0 is the front")
+    elevation: tuple[float, ...] = _angles(20.0, "Elevation in degrees, -90 to 90; 0 is level")
+    format: str = _option(
+        "png",
+        "Format of the images that -o does not name: of those in a folder, or beside the cloud.",
+        kind=_ImageFormat,
     )
-    size: int | None = _option(
+    frames: int | None = _option(
         None,
-        f"Width and height in pixels, {LEAST_SIZE} to {MOST_SIZE}, resampled. Default: "
-        f"{IMAGE_SIZE}, as drawn.",
+        "Images of a turntable, from the azimuth all around; of a .webp 1 is a still image. "
+        f"Default: {_FRAMES}.",
+    )
+    size: int = _option(
+        IMAGE_SIZE,
+        f"Width and height in pixels, {ANY_SIZE[0]} to {ANY_SIZE[-1]}. Surfaces and discs are "
+        "drawn so, images of networks resampled, which a note says.",
+        metavar="PIXELS",
+        kind=str,
+        convert=_size,
+        default=str(IMAGE_SIZE),
     )
     background: Literal["white", "transparent"] = _option(
         "white", "White, or transparent pixels (.png, .apng or .webp)."
@@ -95,6 +147,15 @@ class RenderOptions:
     )
 
     @property
+    def views(self) -> tuple[View, ...]:
+        """Return the views that the angles name. Raises BadInput for one out of its range."""
+        angles = itertools.product(self.elevation, self.azimuth)
+        try:
+            return tuple(dict.fromkeys(View(azimuth, elevation) for elevation, azimuth in angles))
+        except ValueError as error:
+            raise BadInput(f"no such view: {error}; see 'bench render --help'") from error
+
+    @property
     def methods(self) -> tuple[str, ...]:
         """Return the methods, each once, or the one that is meant. Raises BadInput for none."""
         return methods_to_draw(self.method or (), self.colour == "invented", self.budget)
@@ -104,7 +165,8 @@ def check(options: RenderOptions, out: Path) -> None:
     """Raise BadInput for options that are wrong whatever the file holds and the methods do."""
     is_turntable = moves(out)  # raises BadInput for the name of another kind of file
     size, frames, points = options.size, options.frames, options.points
-    shown = max(1, frames or _FRAMES) if is_turntable else 1
+    several = len(options.views) > 1
+    shown = max(1, frames or _FRAMES) if is_turntable and not several else 1
     sheet, transparent = len(options.methods) > 1, options.background == "transparent"
     for wrong, text in (
         (
@@ -113,20 +175,21 @@ def check(options: RenderOptions, out: Path) -> None:
             f"{' or '.join(MOVING)}",
         ),
         (
-            frames is not None and not 2 <= frames <= _MOST_FRAMES,
-            f"--frames {frames}: must be 2 to {_MOST_FRAMES}",
+            frames is not None and not 1 <= frames <= _MOST_FRAMES,
+            f"--frames {frames}: must be 1 to {_MOST_FRAMES}",
+        ),
+        (
+            several and (frames is not None or out.suffix.lower() in (".gif", ".apng")),
+            f"{out}: a turntable, which starts at one azimuth; of several angles give the name of "
+            "an image, or one azimuth and one elevation",
         ),
         (points is not None and points < 1, f"--points {points}: must be at least 1"),
         (
-            size is not None and not LEAST_SIZE <= size <= MOST_SIZE,
-            f"--size {size}: must be {LEAST_SIZE} to {MOST_SIZE}",
-        ),
-        (
-            size is not None and sheet,
+            size != IMAGE_SIZE and sheet,
             f"--size {size}: a sheet of several methods has its own; give one method",
         ),
         (
-            size is not None and shown * size**2 > _MOST_PIXELS,
+            shown * size**2 > _MOST_PIXELS,
             f"--size {size}: at most {int((_MOST_PIXELS / shown) ** 0.5)} with {shown} frames; "
             "give less of either",
         ),
@@ -142,13 +205,13 @@ def check(options: RenderOptions, out: Path) -> None:
 
 
 def views_of(options: RenderOptions, out: Path) -> tuple[View, ...]:
-    """Return the view, or all of a turntable. Raises BadInput for an angle out of its range."""
-    frames = (options.frames or _FRAMES) if moves(out) else 1
-    turned = (options.azimuth + 360 * i / frames for i in range(frames))
-    try:
-        return tuple(View(azimuth, options.elevation) for azimuth in turned)
-    except ValueError as error:
-        raise BadInput(f"no such view: {error}; see 'bench render --help'") from error
+    """Return the views, or those of a turntable. Raises BadInput as `RenderOptions.views`."""
+    first, *others = options.views
+    if others or not moves(out):
+        return options.views
+    frames = options.frames or _FRAMES
+    turned = (first.azimuth_deg + 360 * i / frames for i in range(frames))
+    return tuple(View(azimuth, first.elevation_deg) for azimuth in turned)
 
 
 def cloud_file(cloud: Path, options: RenderOptions) -> CloudFile:
@@ -167,14 +230,21 @@ def cloud_file(cloud: Path, options: RenderOptions) -> CloudFile:
 
 
 def notes_on(options: RenderOptions) -> Notes:
-    """Return notes on the methods and on a size that is not drawn."""
-    notes = notes_on_methods(options.methods, options.budget)
-    if options.size in (None, IMAGE_SIZE):
-        return notes
+    """Return notes on the methods and on a size that they do not draw."""
     return (
-        *notes,
-        f"methods draw {IMAGE_SIZE} x {IMAGE_SIZE} pixels; resampled to {options.size} x "
-        f"{options.size} (Lanczos), which adds no detail",
+        *notes_on_methods(options.methods, options.budget),
+        *notes_on_size(options.methods, options.size),
+    )
+
+
+def notes_on_size(methods: Sequence[str], size: int) -> Notes:
+    """Return a line for each method whose images are resampled."""
+    drawn = ((name, find_method(name).drawn_at(size)) for name in methods)
+    return tuple(
+        f"{name} draws {side} x {side} pixels; resampled to {size} x {size} (Lanczos)"
+        + ", which adds no detail; surfaces and discs are drawn at any size" * (side < size)
+        for name, side in drawn
+        if side != size
     )
 
 

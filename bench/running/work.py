@@ -184,8 +184,12 @@ def draw(
     rng: np.random.Generator,
     batch: int | None = None,
     truth: UInt8Images | None = None,
+    *,
+    side: int = IMAGE_SIZE,
 ) -> _RenderedViews:
     """Draw a cloud, `batch` views a call (None: all of them), and check the images.
+
+    Their side is one of `method.sizes`.
 
     Raises whatever the method raises, and StageFailure for anything but images, and for blank ones.
     """
@@ -195,9 +199,10 @@ def draw(
     prepared = time.perf_counter()
     size = batch or len(views)
     batches = [views[i : i + size] for i in range(0, len(views), size)]
-    drawn = [renderer.draw(state, part, rng) for part in batches]
+    of_size: dict[str, Any] = {} if side == IMAGE_SIZE else {"size": side}
+    drawn = [renderer.draw(state, part, rng, **of_size) for part in batches]
     done = time.perf_counter()
-    checked = (checked_images(i, len(part)) for i, part in zip(drawn, batches, strict=True))
+    checked = (checked_images(i, len(part), side) for i, part in zip(drawn, batches, strict=True))
     images = np.concatenate([*checked])
     if method.id not in FLOORS:
         _refuse_blank(images, truth, len(cloud.points))
@@ -255,9 +260,9 @@ def rng_of(job: Job) -> np.random.Generator:
     return generator(job.seed, "method", job.method, job.condition, *job.name.object)
 
 
-def checked_images(images: NDArray[np.float32], count: int) -> UInt8Images:
+def checked_images(images: NDArray[np.float32], count: int, side: int = IMAGE_SIZE) -> UInt8Images:
     """Return images of `count` views as bytes. Raises StageFailure for anything but images."""
-    expected = (count, IMAGE_SIZE, IMAGE_SIZE, 3)
+    expected = (count, side, side, 3)
     if not isinstance(images, np.ndarray) or images.dtype.kind != "f":
         kind = getattr(images, "dtype", type(images).__name__)
         raise StageFailure("draw", f"images are {kind}, expected float32 in [0, 1]")

@@ -35,7 +35,8 @@ _SHADERS = Path(__file__).parent  # mesh.vert and mesh.frag
 SAMPLES = 4  # a pixel
 # Reconstructions may leave the unit sphere; parts outside this range are cut off.
 NEAR, FAR = 0.05 * CAMERA_DISTANCE, 2.5 * CAMERA_DISTANCE
-SHEET_VIEWS = 32  # one above the other: 4,096 pixels, of the 16,384 that any OpenGL 4.1 can do
+SHEET_VIEWS = 32  # one above the other, at most
+SHEET_PX = 16_384  # high: what any OpenGL 4.1 can do
 POSITION, COLOUR = 0, 1  # attributes of a vertex, three float32 each
 DEBIAN_PACKAGES = {  # and the library each is installed for; `.ci/libraries` installs the same
     "libegl1": "libEGL.so.1",
@@ -85,8 +86,8 @@ def render(mesh: Mesh, views: Sequence[View], size: int = IMAGE_SIZE) -> NDArray
     with _current_context() as context:
         buffers = context.buffers(size)
         context.upload(*_vertices_of_one_colour(mesh))
-        for start in range(0, len(views), SHEET_VIEWS):
-            stop = start + SHEET_VIEWS
+        for start in range(0, len(views), buffers.views):
+            stop = start + buffers.views
             context.draw(matrices[start:stop], mesh.faces.size, buffers)
             images[start:stop] = context.read(len(images[start:stop]), buffers)
     return images
@@ -131,6 +132,7 @@ class _Buffers(NamedTuple):
     """The frame buffers for images of a size."""
 
     size: int
+    views: int  # of a sheet
     multisampled: int
     sheet: int
 
@@ -165,7 +167,7 @@ class _Context:
         gl.glBufferData(gl.GL_ELEMENT_ARRAY_BUFFER, faces.nbytes, faces, gl.GL_STATIC_DRAW)
 
     def draw(self, world_to_camera: NDArray[np.float32], indices: int, buffers: _Buffers) -> None:
-        """Draw at most SHEET_VIEWS views [V, 4, 4] of the uploaded mesh onto the sheet."""
+        """Draw at most `buffers.views` views [V, 4, 4] of the uploaded mesh onto the sheet."""
         gl, size = self.gl, buffers.size
         for place, matrix in enumerate(world_to_camera):
             gl.glBindFramebuffer(gl.GL_FRAMEBUFFER, buffers.multisampled)
@@ -286,5 +288,6 @@ def _make_buffers(gl: Any, size: int) -> _Buffers:
 
     colour = gl.GL_COLOR_ATTACHMENT0, gl.GL_RGBA8
     depth = gl.GL_DEPTH_ATTACHMENT, gl.GL_DEPTH_COMPONENT24
+    views = min(SHEET_VIEWS, SHEET_PX // size)
     multisampled = make(SAMPLES, size, colour, depth)
-    return _Buffers(size, multisampled, make(0, size * SHEET_VIEWS, colour))
+    return _Buffers(size, views, multisampled, make(0, size * views, colour))

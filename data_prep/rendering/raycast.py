@@ -24,6 +24,7 @@ from data_prep.scene import IMAGE_SIZE, Mesh, View
 GAMMA = 2.2
 WHITE = 255
 _BOX_VERTICES = 128
+_MOST_RAYS = 2**19  # cast together: a bound on memory
 ALL = slice(None)
 # Where OpenGL takes the 4 samples of a pixel, as (column, row from the top): the standard pattern
 # of hardware and of Mesa's llvmpipe (lp_sample_pos_4x), which OpenGL counts from below.
@@ -58,13 +59,15 @@ def cast(
     return images
 
 
-def surface_maps(mesh: Mesh, views: Sequence[View], size: int = IMAGE_SIZE) -> NDArray[np.float32]:
+def surface_maps(
+    mesh: Mesh, views: Sequence[View], size: int = IMAGE_SIZE, *, limited: bool = True
+) -> NDArray[np.float32]:
     """Return the planes MAPS of a mesh in images, float32 [V, 5, size, size].
 
     Camera and samples are those of `cast`. The planes are zero where no sample meets the mesh.
 
     coverage   share of a pixel's samples that meet the mesh
-    nearness   mean over these of (FARTHEST - depth) / 2, in 0..MOST_NEARNESS
+    nearness   mean over these of (FARTHEST - depth) / 2, in 0..MOST_NEARNESS if `limited`
     normal     their mean normal in the camera's frame (+X right, +Y up, +Z to the camera); each is
                turned so that z, the cosine that shades, is not negative
 
@@ -72,7 +75,9 @@ def surface_maps(mesh: Mesh, views: Sequence[View], size: int = IMAGE_SIZE) -> N
     """
     maps = np.zeros((len(views), len(MAPS), size, size), dtype=np.float32)
     for i, seen in _look(mesh, views, OPENGL, size):
-        nearness = ((FARTHEST - seen.depths.astype(np.float64)) / 2).clip(0, MOST_NEARNESS)
+        nearness = (FARTHEST - seen.depths.astype(np.float64)) / 2
+        if limited:
+            nearness = nearness.clip(0, MOST_NEARNESS)
         normals = _unit(seen.normals) @ camera_to_world(views[i])[:3, :3]
         normals[normals[:, 2] < 0] *= -1
         covered = seen.mean(np.ones((len(normals), 1)))
@@ -112,7 +117,7 @@ class _Hits:
 def _look(
     mesh: Mesh, views: Sequence[View], samples: ArrayLike, size: int
 ) -> Iterator[tuple[int, _Hits]]:
-    """Yield the number of each view that can see a mesh, and what its samples meet.
+    """Yield the number of each view that can see a mesh, and what the samples of rows meet.
 
     Raises ValueError for non-finite vertices, MissingDependency where embreex is not installed.
     """
@@ -126,9 +131,13 @@ def _look(
     for i, view in enumerate(views):
         window = _window(corners, view, size)
         start, rows, columns = (NEAR, ALL, ALL) if window is None else (0.0, *window)
-        local = rays[rows, columns]
-        if local.size:
-            yield i, _hits(scene, local, camera_to_world(view), start, (rows, columns))
+        first, last, _ = rows.indices(size)
+        step = max(1, _MOST_RAYS // (size * rays.shape[2]))
+        for low in range(first, last, step):
+            band = slice(low, min(low + step, last))
+            local = rays[band, columns]
+            if local.size:
+                yield i, _hits(scene, local, camera_to_world(view), start, (band, columns))
 
 
 @lru_cache(maxsize=2)

@@ -19,6 +19,7 @@ import pytest
 
 from bench.catalogue.metrics import JUDGE
 from bench.judges.answers import azimuth_error_deg, elevation_error_deg
+from bench.metrics import psnr, ssim
 from bench.metrics.dists import dists
 from bench.metrics.frechet import TooFewSamples
 from bench.metrics.inception_weights import WeightsUnavailable
@@ -102,6 +103,15 @@ def assert_values(metric, a, b, expected, within=0.0):
     actual = computed(metric, a, b)
     assert actual.shape == (len(a),)
     np.testing.assert_allclose(actual, np.broadcast_to(expected, actual.shape), rtol=0, atol=within)
+
+
+def test_two_images_are_a_pair():
+    a, b = LEG[0], BLACK[0]
+    assert ssim(a, b) == ssim(LEG[:1], BLACK[:1])
+    for metric in (psnr, NETWORKS["lpips in float64"]):
+        assert metric(a, b) == metric(LEG[:1], BLACK[:1])[0]
+    with pytest.raises(ValueError, match=re.escape("must be [N, H, W, C]")):
+        psnr(a, BLACK[:1])
 
 
 @pytest.mark.parametrize("pair", [(0, 255), (255, 0), (0, 1), (128, 127), (200, 7), (255, 218)])
@@ -205,7 +215,7 @@ def with_one(features, value):
 REFUSED = [  # metrics, images, part of the message
     *((EVERY, x, "images must be uint8") for x in NOT_UINT8),
     *((PARTS, x, f"must be uint8 (range 0..255), got {x[0].dtype}") for x in NOT_UINT8[:3]),
-    ((*SSIM, "psnr", *OF_OBJECTS, *BY_NETWORKS, *OF_DISTANCES), (LEG[0],) * 2, "[128, 128, 3]"),
+    ((*SSIM, *OF_OBJECTS, *BY_NETWORKS, "dists"), (LEG[0],) * 2, "[128, 128, 3]"),
     ((*SSIM, *OF_OBJECTS), (LEG[0, :, :, 0],) * 2, "[128, 128]"),
     (BY_NETWORKS, (LEG[0, :, :, 0],) * 2, "images must be uint8 ["),
     ((*BY_NETWORKS, *OF_DISTANCES), (CHANNELS_4,) * 2, "images must be uint8 ["),

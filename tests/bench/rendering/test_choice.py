@@ -29,11 +29,17 @@ def cloud(points, tmp_path):
 
 
 def test_a_turntable_goes_round_from_the_azimuth():
-    options = RenderOptions(azimuth=30.0, elevation=-10.0, frames=4)
+    options = RenderOptions(azimuth=(30.0,), elevation=(-10.0,), frames=4)
     views = views_of(options, Path("turn.gif"))
     assert [view.azimuth_deg for view in views] == [30, 120, 210, 300]
     assert {view.elevation_deg for view in views} == {-10}
-    assert views_of(RenderOptions(azimuth=30.0, elevation=-10.0), Path("still.png")) == views[:1]
+    still = RenderOptions(azimuth=(30.0,), elevation=(-10.0,))
+    assert views_of(still, Path("still.png")) == views[:1]
+    several = RenderOptions(azimuth=(0.0, 90.0, 0.0), elevation=(10.0, -5.0))
+    for name in ("still.jpg", "still.webp"):
+        assert [(v.azimuth_deg, v.elevation_deg) for v in views_of(several, Path(name))] == [
+            *((0, 10), (90, 10), (0, -5), (90, -5))
+        ]
 
 
 def test_what_draws_where_no_method_is_named():

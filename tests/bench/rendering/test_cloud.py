@@ -10,6 +10,7 @@ from PIL import Image
 
 import bench
 import bench.rendering.cloud
+from bench.catalogue.methods import find_method
 from bench.catalogue.suites import Limits
 from bench.commands.render import with_remedy
 from bench.rendering.cloud import CloudFile, Drawing, Failed, draw_cloud, draw_file
@@ -19,6 +20,7 @@ from data_prep.failures import BadInput
 from data_prep.files.clouds import save_ply
 from data_prep.randomness import generator
 from data_prep.rendering.dots import draw_dots
+from data_prep.rendering.mesh import draw_mesh
 from data_prep.scene import PointCloud, View
 
 from ..conftest import BENCH
@@ -145,14 +147,15 @@ def test_colours_of_a_file_are_drawn_by_splat_alone(command, refused, tmp_path):
     assert refused(*coloured).startswith(f"{path}: no colours of its points; a PLY has red, green ")
 
 
-def test_a_size_and_a_transparent_background(command, refused, plugins, cloud, tmp_path):
-    """Resample the image of the method; over white nothing changes."""
-    out, large = tmp_path / "out.png", tmp_path / "large.png"
+def test_a_size_and_a_transparent_background(command, refused, plugins, tmp_path):
+    """Resample the image of a network; over white nothing changes."""
+    cloud, out, large = (tmp_path / name for name in ("cloud.npy", "out.png", "large.png"))
+    np.save(cloud, generator("test").normal(size=(300, 3)))
     note = (
-        "note: methods draw 128 x 128 pixels; resampled to 300 x 300 (Lanczos), which adds no "
-        "detail\n"
+        "note: splat-net@tiny-grey draws 128 x 128 pixels; resampled to 300 x 300 (Lanczos), which "
+        "adds no detail; surfaces and discs are drawn at any size\n"
     )
-    splat = ("render", cloud, "--method", "splat")
+    splat = ("render", cloud, "--method", "splat-net@tiny-grey")
     assert command(*splat, "-o", out) == (0, f"{out}\n", "")
     assert command(*splat, "--size", "300", "-o", large) == (0, f"{large}\n", note)
     enlarged = Image.open(out).resize((300, 300), Image.Resampling.LANCZOS)
@@ -170,6 +173,8 @@ def test_a_size_and_a_transparent_background(command, refused, plugins, cloud, t
         assert np.abs(difference).max() <= 1
     for wrong, problem in [
         (("--size", "15"), "--size 15: must be 16 to 2048"),
+        (("--size", "640x480"), "--size 640x480: images are square, as the unit sphere just fits"),
+        (("--size", "big"), "--size big: no whole number of pixels; give one, as in 512"),
         (("--size", "2049"), "--size 2049: must be 16 to 2048"),
         (("--size", "1000", "-o", "a.gif"), "--size 1000: at most 965 with 36 frames; give less"),
         (("--size", "64", "--method", "splat,blank"), "--size 64: a sheet of several methods has "),
@@ -178,13 +183,58 @@ def test_a_size_and_a_transparent_background(command, refused, plugins, cloud, t
             ("--background", "transparent", "-o", "a.gif"),
             "a.gif: a GIF has no opacity of its pixels; give a name that ends in .png, .apng or ",
         ),
-        (("--background", "transparent", "-o", "a.jpg"), "a.jpg: images are written as PNG, tur"),
+        (("--background", "transparent", "-o", "a.jpg"), "a.jpg: a JPEG has no opacity of its"),
         (
             ("--background", "transparent", "--method", "splat,blank"),
             "--background transparent: a sheet is white; give one method",
         ),
     ]:
         assert refused(*splat, "-o", out, *wrong).startswith(problem)
+
+
+def test_surfaces_and_discs_are_drawn_at_the_size_asked_for(command, tmp_path):
+    """Fewer pixels of the smaller image than of the larger one are of the object, by the area."""
+    cloud, shares = tmp_path / "cloud.npy", []
+    points = generator("test").normal(size=(600, 3))
+    np.save(cloud, points / np.linalg.norm(points, axis=1, keepdims=True) * (1, 2, 1))
+    for method in ("splat", "splat-fill", "alpha-wrap", "occupancy-net"):
+        for size in (100, 128, 900):
+            out = tmp_path / f"{size}.png"
+            chosen = ("--method", method, "--size", size, "-o", out)
+            assert command("render", cloud, *map(str, chosen)) == (0, f"{out}\n", "")
+            with Image.open(out) as image:
+                assert image.size == (size, size)
+                shares.append((np.asarray(image) < 255).any(axis=2).mean())
+        assert shares[-2] == pytest.approx(shares[-1], rel=0.1)
+        assert shares[-3] == pytest.approx(shares[-1], rel=0.1)
+    views, rng = (View(30.0, 20.0),), generator("test")
+    state = find_method("occupancy-net").load("cpu").prepare(CloudFile(cloud, False).load(), rng)
+    assert np.array_equal(Image.open(out), draw_mesh(state.mesh, views, 900)[0])
+
+
+def test_several_angles_formats_and_turntables_of_several_clouds(command, plugins, cloud, tmp_path):
+    fake = ("render", cloud, "--method", "fake-healthy")
+    angles = ("--azimuth", "0,90", "--elevation", "10,20")
+    files = [tmp_path / f"a-az{a}-el{e}.png" for e in (10, 20) for a in (0, 90)]
+    printed = "".join(f"{file}\n" for file in files)
+    status, out, _ = command(*fake, *angles, "-o", tmp_path / "a.png")
+    assert (status, out) == (0, printed)
+    assert [message(file)[:2] for file in files] == [[0, 10], [90, 10], [0, 20], [90, 20]]
+    for name, options, frames in (
+        ("a.jpg", (), 1),
+        ("a.webp", ("--frames", "1"), 1),
+        ("a.webp", ("--frames", "3"), 3),
+    ):
+        out = tmp_path / name
+        assert command(*fake, *options, "-o", out)[:2] == (0, f"{out}\n")
+        with Image.open(out) as image:
+            assert (getattr(image, "n_frames", 1), image.size) == (frames, (128, 128))
+            assert np.abs(np.asarray(image.convert("RGB"))[40:, 40:] - 255.0).max() < 8
+    folder = tmp_path / "turns"
+    folders = ("render", cloud, cloud.parent, "--method", "fake-healthy", "--frames", "2")
+    assert command(*folders, "--format", "gif", "-o", folder)[0] == 0
+    assert [path.name for path in folder.iterdir()] == ["cloud.gif"]
+    assert command(*fake, "--format", "jpg")[1] == f"{tmp_path / 'cloud.jpg'}\n"
 
 
 def test_points_that_are_not_finite_are_refused_or_left_out(tmp_path):
@@ -350,15 +400,17 @@ def test_what_cannot_be_used_is_the_users_to_fix(refused, plugins, cloud, tmp_pa
         (("--azimuth", "inf"), "no such view: azimuth_deg must be finite, got inf"),
         (("--elevation", "91"), "no such view: elevation_deg must lie in -90..90, got 91.0"),
         (("--elevation", "nan"), "no such view: elevation_deg must lie in -90..90, got nan"),
-        (("--azimuth", "left"), "Invalid value for '--azimuth': "),
+        (("--azimuth", "0,left"), "'0,left': no angles; give degrees separated by commas, as in"),
+        (("--azimuth", "0,90", "-o", "a.gif"), "a.gif: a turntable, which starts at one azimuth; "),
+        (("--format", "bmp"), "Invalid value for '--format': 'bmp' is not one of 'png', 'jpg', "),
         (("--up", "w"), "up 'w': no axis; give one of x, -x, y, -y, z, -z"),
         (("--up", "z", "--front", "-z"), "front '-z': along up, which is 'z'; give one of x, "),
         (("--points", "0"), "--points 0: must be at least 1"),
         (("--frames", "12"), f"--frames 12: {out} is one image; give a turntable's name, .g"),
-        (("--frames", "1", "-o", "turn.gif"), "--frames 1: must be 2 to 120"),
-        (("--frames", "121", "-o", "turn.gif"), "--frames 121: must be 2 to 120"),
+        (("--frames", "0", "-o", "turn.gif"), "--frames 0: must be 1 to 120"),
+        (("--frames", "121", "-o", "turn.gif"), "--frames 121: must be 1 to 120"),
         (("--method", " , "), "' , ': expected names separated by commas"),
-        (("-o", tmp_path), f"{tmp_path}: images are written as PNG, turntables as GIF, "),
+        (("-o", tmp_path), f"{tmp_path}: images are written as PNG or JPEG, turntables as "),
         (("-o", folder), f"{folder}: a folder; give another -o"),
         (
             ("-o", tmp_path / "new" / "out.png"),
@@ -368,10 +420,10 @@ def test_what_cannot_be_used_is_the_users_to_fix(refused, plugins, cloud, tmp_pa
         (("--method", "fake-healthy,fake-no-library"), "no libGL: install libgl1"),
     ]:
         assert refused(*render, *wrong).startswith(problem)
-    jpeg = tmp_path / "out.jpg"
-    assert refused(*render, "-o", jpeg) == (
-        f"{jpeg}: images are written as PNG, turntables as GIF, WebP or APNG; give a name that "
-        "ends in .png, .gif, .webp or .apng"
+    bitmap = tmp_path / "out.bmp"
+    assert refused(*render, "-o", bitmap) == (
+        f"{bitmap}: images are written as PNG or JPEG, turntables as GIF, WebP or APNG; give a "
+        "name that ends in .png, .jpg, .gif, .webp or .apng"
     )
     assert sorted(path.name for path in tmp_path.iterdir()) == ["cloud.ply", "folder.png"]
 

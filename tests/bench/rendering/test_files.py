@@ -89,8 +89,8 @@ def test_names():
     assert [moves(Path(name)) for name in ("a.png", "a.GIF", "b/a.webp", "a.apng")] == [
         *(False, True, True, True)
     ]
-    with pytest.raises(BadInput, match=r"a\.jpg: images are written as PNG, turntables as GIF"):
-        moves(Path("a.jpg"))
+    with pytest.raises(BadInput, match=r"a\.bmp: images are written as PNG or JPEG, turntables as"):
+        moves(Path("a.bmp"))
 
 
 def test_what_cannot_be_written_leaves_nothing(tmp_path):

@@ -53,6 +53,17 @@ def test_tensors_of_networks_are_points(points, kind):
     [
         ({"points": np.zeros((0, 3))}, BadInput, "the cloud has no points"),
         ({"points": np.zeros((5, 2))}, ValueError, r"points: expected real numbers \[N, 3\]"),
+        ({"points": np.array(["a", "b"])}, ValueError, r"expected real numbers \[N, 3\], got <U1"),
+        (
+            {"points": "shape.obj"},
+            BadInput,
+            r"shape\.obj: \.obj is a mesh, not a point cloud; save",
+        ),
+        ({"points": "a.ply", "columns": "xyz"}, BadInput, "a.ply: columns are of an array; name t"),
+        ({"columns": (0, 1, 9)}, BadInput, r"columns \(0, 1, 9\): not in points of shape \[300, 3"),
+        ({"size": 10**9}, BadInput, "size 1000000000: must be a whole number, 16 to 2048"),
+        ({"size": "big"}, BadInput, "size 'big': must be a whole number, 16 to 2048"),
+        ({"background": "red"}, BadInput, "background 'red': must be white or transparent"),
         (
             {"points": TABLE},
             BadInput,
@@ -75,6 +86,51 @@ def test_tensors_of_networks_are_points(points, kind):
 def test_what_cannot_be_drawn(points, wrong, kind, message):
     with pytest.raises(kind, match=message):
         bench.turntable(**({"points": points, "method": "splat"} | wrong))
+
+
+def test_further_columns_files_sizes_and_points_that_are_not_finite(points, tmp_path, capsys):
+    expected = bench.draw_cloud(points, method="splat", size=200)
+    assert expected.shape == (200, 200, 3)
+    six, broken = np.hstack([points, points]), np.vstack([points, [[np.nan, 0, 0]]])
+    swapped = six[:, [5, 1, 0, 0, 1, 2]]
+    np.save(tmp_path / "cloud.npy", broken)
+    for given, options in (
+        (six, {}),
+        (swapped, {"columns": (2, 1, 5)}),
+        (pd.DataFrame(swapped, columns=[*"abcdef"]), {"columns": "dbf"}),
+        (broken, {"drop_invalid": True}),
+        (tmp_path / "cloud.npy", {"drop_invalid": True}),
+    ):
+        drawn = bench.draw_cloud(given, method="splat", size=200, **options)
+        assert np.array_equal(drawn, expected)
+    lost = "1 of 301 points are left out, they are not finite"
+    assert capsys.readouterr().err == (
+        "note: points: columns 3 to 5 of [N, 6], colours or normals, are not used; columns= chooses"
+        f"\nnote: {lost}\nnote: {tmp_path / 'cloud.npy'}: {lost}\n"
+    )
+    with pytest.raises(BadInput, match=r"the first is point 301\); remove them, or leave them out"):
+        bench.draw_cloud(tmp_path / "cloud.npy", method="splat")
+    clear = bench.draw_cloud(points, method="splat", background="transparent")
+    assert clear.shape == (128, 128, 4)
+
+
+def test_maps_of_a_sphere():
+    """Seen from 4 radii away, with half a field of view whose tangent is 16 / 58."""
+    points = generator("test").normal(size=(4000, 3))
+    points /= np.linalg.norm(points, axis=1, keepdims=True)
+    image, maps = bench.draw_cloud(points, method="poisson", size=64, return_maps=True)
+    assert image.shape == (64, 64, 3)
+    assert np.array_equal(np.isinf(maps.depth), maps.mask == 0)
+    assert maps.depth[32, 32] == pytest.approx(3, abs=0.02)
+    assert maps.normals[32, 32] == pytest.approx([0, 0, 1], abs=0.1)
+    assert maps.normals[32, 54] == pytest.approx([0.65, 0, 0.75], abs=0.1)
+    assert maps.mask.mean() == pytest.approx(np.pi / 4 * (58 / 16) ** 2 / 15, rel=0.02)
+    with pytest.raises(BadInput, match="method 'splat' makes no surface, so that there are no "):
+        bench.draw_cloud(points, method="splat", return_maps=True)
+
+
+def test_what_the_package_has_is_seen():
+    assert {"draw_cloud", "turntable"} <= {*dir(bench)}
 
 
 def test_far_points_and_steps_are_named_and_far_points_left_out_if_asked_for(points, capsys):
