@@ -29,7 +29,7 @@ COMMANDS = {  # name: module and name in it, first line of its help
         "List suites, methods and variants, conditions, metrics, datasets.",
     ),
     "table": ("results:table", "Make the tables of a run again, from its records."),
-    "check": ("results:check", "Compare a run with golden values or itself; exit 1 if not equal."),
+    "check": ("check:check", "Compare a run with golden values or itself; exit 1 if not equal."),
     "report": ("results:report", "Make an HTML page of a run, and an index over several."),
     "compare": ("results:compare", "Compare two runs, or two methods of one, object by object."),
     "recommend": ("results:recommend", "Recommend a method for a budget, or for a quality."),

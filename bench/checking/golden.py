@@ -8,7 +8,6 @@ it. Values of the whole run are compared with a whole run, values of objects
 from __future__ import annotations
 
 import math
-from collections import Counter
 from collections.abc import Iterable, Mapping, Sequence
 from dataclasses import dataclass
 from pathlib import Path
@@ -20,10 +19,15 @@ from bench.analysis.scored_run import Run, read_run
 from bench.catalogue.methods import role
 from bench.catalogue.suites import STABILITY
 from bench.checking.objects import (
+    GoldenCell,
     GoldenDeviation,
     GoldenObjects,
+    Widths,
     compare_objects,
+    number,
+    read_golden_file,
     read_objects,
+    write_file,
     write_objects,
 )
 from bench.checking.tolerances import tolerance
@@ -46,32 +50,48 @@ PROTOCOL = ["protocol", "dataset", "objects", "views", "seed"]
 class CheckResult:
     """The result of a check.
 
-    compared          number of values
-    regressions       a line for each
+    cells             what was compared
+    others            a line for each table that is stale, and for each unexpected outcome
     remarks           lines that are no criterion
     moved             the values of objects that moved
     headline_metrics  the metrics of the suite's headline table
-    headline          number of their values among those compared
+    outcomes          number of outcomes compared
     """
 
-    compared: int
-    regressions: tuple[str, ...]
+    cells: tuple[GoldenCell, ...]
+    others: tuple[str, ...]
     remarks: tuple[str, ...]
     moved: tuple[GoldenDeviation, ...] = ()
     headline_metrics: tuple[str, ...] = ()
-    headline: int = 0
+    outcomes: int = 0
+
+    @property
+    def compared(self) -> int:
+        """Return the number of values."""
+        return self.outcomes + sum(cell.compared for cell in self.cells)
+
+    @property
+    def headline(self) -> int:
+        """Return the number of values of the headline metrics."""
+        return sum(c.compared for c in self.cells if c.metric in self.headline_metrics)
 
     @property
     def by_headline(self) -> tuple[list[str], list[str]]:
-        """Return the regressions of the headline metrics, and the others."""
-        parts: tuple[list[str], list[str]] = [], []
-        for line in self.regressions:
-            parts[line.partition(" of ")[0] not in self.headline_metrics].append(line)
+        """Return a line for each regression of the headline metrics, and of the others."""
+        parts: tuple[list[str], list[str]] = [], [*self.others]
+        for cell in self.cells:
+            if cell.problem:
+                parts[cell.metric not in self.headline_metrics].append(str(cell))
         return parts
 
+    @property
+    def regressions(self) -> tuple[str, ...]:
+        """Return a line for each regression."""
+        return (*self.others, *(str(cell) for cell in self.cells if cell.problem))
 
-def check(directory: Path) -> CheckResult:
-    """Compare a finished run with the golden values of its suite and truth.
+
+def check(directory: Path, widths: Widths | None = None, file: Path | None = None) -> CheckResult:
+    """Compare a finished run with the golden values in a file, or with those of its suite.
 
     With golden values by object, the run may have a part of the objects, methods and conditions,
     and others, which are left out. Means and distances of the whole run are compared where the run
@@ -81,8 +101,13 @@ def check(directory: Path) -> CheckResult:
     another protocol (dataset, objects, views or seed), and where nothing could be compared.
     """
     manifest = read_finished(directory)
-    is_stability = manifest["suite"] == STABILITY.id
-    result = _check_outcomes(directory) if is_stability else _check_values(directory, manifest)
+    widths = widths or Widths()
+    if file is not None:
+        return _check_file(directory, manifest, file, widths)
+    if manifest["suite"] == STABILITY.id:
+        result = _check_outcomes(directory)
+    else:
+        result = _check_values(directory, manifest, widths)
     if not (result.compared or result.regressions):
         raise BadInput(
             f"{directory}: nothing is compared, for none of its methods and conditions has golden "
@@ -92,18 +117,58 @@ def check(directory: Path) -> CheckResult:
     return result
 
 
-def _check_values(directory: Path, manifest: dict[str, Any]) -> CheckResult:
+def _check_file(
+    directory: Path, manifest: dict[str, Any], file: Path, widths: Widths
+) -> CheckResult:
+    """Compare the objects of a run with those in a user's file."""
+    golden_values, run = read_golden_file(file), read_run(directory)
+    have, want = _own_protocol(manifest), golden_values.protocol
+    if other := [f"{n} {have[n]} (golden: {want.get(n)})" for n in have if have[n] != want.get(n)]:
+        raise BadInput(
+            f"{file}: of another protocol than {directory}: {', '.join(other)}; check a run with "
+            "the same options, or write golden values of this one with --bless FILE"
+        )
+    compared = compare_objects(run, golden_values, widths)
+    if not compared.cells:
+        raise BadInput(
+            f"{file}: has no method, condition and object of {directory} in common; check a run "
+            f"with methods of {', '.join(sorted(golden_values.names['methods']))}"
+        )
+    absent = (
+        f"golden values of what this run has not, left out: {kind} {', '.join(sorted(lost))}"
+        for kind, known in golden_values.names.items()
+        if (lost := known - {*manifest[kind]})
+    )
+    remarks = (*_without_golden(manifest, golden_values), *absent, compared.remark)
+    return CheckResult(compared.cells, (), remarks, compared.moved, run.suite.headline)
+
+
+def _own_protocol(manifest: Mapping[str, Any]) -> dict[str, Any]:
+    """Return what golden values of a user's own and a run have to have in common.
+
+    A folder may lie elsewhere and hold fewer objects; where one has changed, `blank` differs.
+    """
+    return {
+        "suite": manifest["suite"],
+        "truth": manifest.get(TRUTH, COLOURED),
+        "protocol": manifest["protocol"],
+        "dataset": str(manifest["dataset"]).partition(":")[0],
+        "views": manifest["views"],
+        "seed": manifest["seed"],
+    }
+
+
+def _check_values(directory: Path, manifest: dict[str, Any], widths: Widths) -> CheckResult:
     run = read_run(directory)
     own_tables = tables(run)
     sweep = (class_orderings(run), condition_sweep(run))
     written: list[Table] = [*own_tables, *filter(None, sweep)]
-    compared, regressions = Counter[str](), _stale_tables(directory, written)
+    cells: tuple[GoldenCell, ...] = ()
     name = golden_name(manifest)
     expected, objects = golden(name), read_objects(name)
     whole = _is_whole(directory, manifest, expected, objects)
     if whole:
-        compared, moved = _compare_means(own_tables, manifest, expected)
-        regressions += moved
+        cells = _compare_means(own_tables, manifest, expected)
     remarks: list[str] = []
     moved_objects: tuple[GoldenDeviation, ...] = ()
     if objects is not None:
@@ -111,41 +176,33 @@ def _check_values(directory: Path, manifest: dict[str, Any]) -> CheckResult:
             remarks.append(
                 "not all golden objects: means and distances of the run are not compared"
             )
-        by_object = compare_objects(run, objects)
-        regressions += by_object.lines
-        compared += by_object.compared
+        by_object = compare_objects(run, objects, widths)
+        cells += by_object.cells
         remarks += [*_without_golden(manifest, objects), by_object.remark]
         moved_objects = by_object.moved
-    metrics = run.suite.headline
-    return CheckResult(
-        compared.total(),
-        tuple(regressions),
-        tuple(remarks),
-        moved_objects,
-        metrics,
-        sum(compared[metric] for metric in metrics),
-    )
+    stale = tuple(_stale_tables(directory, written))
+    return CheckResult(cells, stale, tuple(remarks), moved_objects, run.suite.headline)
 
 
 def _compare_means(
     own_tables: Sequence[Table], manifest: dict[str, Any], expected: pd.DataFrame
-) -> tuple[Counter[str], list[str]]:
-    """Return how many golden values the run has by metric, and a line for each that moved."""
+) -> tuple[GoldenCell, ...]:
+    """Return a cell for each golden value that the run has."""
     values = {_cell(row): row["value"] for row in _rows(own_tables)}
-    compared, regressions = Counter[str](), []
+    cells = []
     methods, conditions = set(manifest["methods"]), set(manifest["conditions"])
     for row in expected.to_dict("records"):
         if row["method"] not in methods or row["condition"] not in conditions:
             continue
-        compared[row["metric"]] += 1
         value = values.get((row["method"], row["condition"], row["class"], row["metric"]), math.nan)
+        problem = ""
         if not abs(value - row["value"]) <= row["tolerance"]:  # also for NaN
-            got = f"{value:.6f}" if math.isfinite(value) else "nothing"
-            regressions.append(
-                f"{row['metric']} of {row['method']} at {row['condition']}: {got}, golden "
-                f"{row['value']:.6f} +- {row['tolerance']:.6f} ({row['reason']})"
+            problem = (
+                f"{number(value)}, golden {row['value']:.6f} +- {row['tolerance']:.6f} "
+                f"({row['reason']})"
             )
-    return compared, regressions
+        cells.append(GoldenCell(row["method"], row["condition"], row["metric"], 1, problem))
+    return tuple(cells)
 
 
 def _without_golden(manifest: dict[str, Any], golden_objects: GoldenObjects) -> list[str]:
@@ -157,19 +214,26 @@ def _without_golden(manifest: dict[str, Any], golden_objects: GoldenObjects) -> 
     return lines
 
 
-def bless(directory: Path) -> list[Path]:
-    """Make this run's values the golden ones of its suite, and return the files (see CONTRIBUTING).
+def bless(directory: Path, target: Path | None = None) -> list[Path]:
+    """Write a run's values as golden ones to a file, or as its suite's, and return the files.
 
-    Raises BadInput where this is not the whole default run, or its images are gone.
+    The folder of the golden values of all suites is the target for these (see CONTRIBUTING).
+    Raises BadInput for another folder, for a run without scores or images, and of a suite where
+    this is not the whole default run; CannotWrite where a file cannot be written.
     """
     manifest = read_finished(directory)
     run = read_run(directory)
+    path = golden_path(golden_name(manifest))
+    if target is not None and target.resolve() != path.parent.resolve():
+        if target.is_dir():
+            raise BadInput(f"{target}: a folder; give the name of a file, such as golden.json")
+        write_file(run, _own_protocol(manifest), target)
+        return [target]
     _refuse_other_protocol(run)
     protocol = _protocol(manifest)
     lines = golden_lines(_rows(tables(run)), protocol)
     # Of 260 objects of thirteen classes, the thumbnails alone would be 2 MB.
     by_object = write_objects(run, protocol) if len(run.suite.classes) == 1 else []
-    path = golden_path(golden_name(manifest))
     write_whole(path, pd.DataFrame(lines).to_csv(index=False, lineterminator="\n").encode())
     return [path, *by_object]
 
@@ -251,7 +315,9 @@ def _is_whole(
     have = _protocol(manifest)
     want = {name: expected[name].iloc[0] for name in PROTOCOL}
     path = golden_path(golden_name(manifest))
-    refuse_other_version(path, int(want["protocol"]), "write it with 'bench check DIR --bless'")
+    refuse_other_version(
+        path, int(want["protocol"]), "write it with 'bench check DIR --bless results/golden'"
+    )
     compared = [name for name in PROTOCOL if objects is None or name != "objects"]
     other = [f"{n} {have[n]} (golden: {want[n]})" for n in compared if have[n] != want[n]]
     whole = have["objects"] == want["objects"]
@@ -260,7 +326,7 @@ def _is_whole(
             raise BadInput(
                 f"{path}: of another protocol than the golden values by "
                 "object beside it; restore both with git, or write them with "
-                "'bench check DIR --bless'"
+                "'bench check DIR --bless results/golden'"
             )
         measured, named = set(manifest["objects"]), objects.names["objects"]
         whole = measured == named
@@ -289,7 +355,7 @@ def _stale_tables(directory: Path, written: Sequence[Table]) -> list[str]:
 def _check_outcomes(directory: Path) -> CheckResult:
     """Return a regression for each unexpected outcome in the tables of a stability run."""
     outcomes = read_outcomes(directory / TABLES)
-    return CheckResult(len(outcomes), tuple(unexpected(outcomes)), ())
+    return CheckResult((), tuple(unexpected(outcomes)), (), outcomes=len(outcomes))
 
 
 def _rows(own_tables: Iterable[Table]) -> list[dict[str, Any]]:

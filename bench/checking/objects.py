@@ -11,6 +11,8 @@ They lie beside the golden means of a suite:
 
 A method that sees no cloud has one line for all conditions. A field is empty where there is no
 value, and no image.
+
+A file of a user's own (`write_file`) is one JSON of the same, without thumbnails, for any run.
 """
 
 from __future__ import annotations
@@ -18,9 +20,8 @@ from __future__ import annotations
 import io
 import json
 import math
-from collections import Counter
 from collections.abc import Mapping, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, field
 from hashlib import sha256
 from pathlib import Path
 from typing import Any
@@ -31,12 +32,13 @@ from numpy.typing import NDArray
 
 from bench.analysis.scored_run import Run, in_order
 from bench.catalogue.methods import known_method
-from bench.checking.tolerances import object_tolerance
+from bench.checking.tolerances import PRINTED, object_tolerance
 from bench.records.frames import stored_artifacts
 from bench.records.job import JobName
 from bench.tables.published import golden_name, golden_path
 from data_prep.failures import BadInput
 from data_prep.files.atomic_write import write_whole
+from data_prep.files.safe_read import read_text
 from data_prep.scene import IMAGE_SIZE, UInt8Images
 
 KEY = ["method", "condition", "class", "object"]
@@ -47,6 +49,8 @@ SIDE = 64  # pixels of a thumbnail: half an image
 ACROSS = 24  # thumbnails in a row of the sheet
 _NO_IMAGE = np.full((SIDE, SIDE, 3), 255, np.uint8)
 _COLOURS = 256  # of the whole sheet: a third of the bytes that all colours take
+_FORMAT = "golden values of pc2pix-bench, 1"
+_MOST_BYTES = 2**28
 _LIBRARIES = ("torch", "pymeshlab", "pyrender", "PyOpenGL", "trimesh", "numpy", "scipy")
 
 
@@ -164,7 +168,9 @@ def read_objects(name: str) -> GoldenObjects | None:
     csv, png, about = _paths(name)
     if not any(path.is_file() for path in (csv, png, about)):
         return None
-    remedy = "restore it with git, or write all of them with 'bench check DIR --bless'"
+    remedy = (
+        "restore it with git, or write all of them with 'bench check DIR --bless results/golden'"
+    )
     try:
         fields = json.loads(about.read_text(encoding="utf-8"))
         protocol, environment, sums = (fields[n] for n in ("protocol", "environment", "sha256"))
@@ -178,9 +184,51 @@ def read_objects(name: str) -> GoldenObjects | None:
         raise BadInput(f"{path}: golden values by object are damaged; {remedy}") from error
     if "protocol" not in protocol:
         raise BadInput(f"{about}: golden values of version 1.0.0 or earlier; {remedy}")
+    return GoldenObjects(protocol, environment, _read_lines(csv.read_text(encoding="utf-8")))
+
+
+def _read_lines(table: str) -> pd.DataFrame:
     text = dict.fromkeys([*KEY, IMAGES], str)
-    lines = pd.read_csv(csv, dtype=text, keep_default_na=False, na_values=[""])
-    return GoldenObjects(protocol, environment, lines.fillna({IMAGES: ""}))
+    lines = pd.read_csv(io.StringIO(table), dtype=text, keep_default_na=False, na_values=[""])
+    return lines.fillna({IMAGES: ""})
+
+
+def write_file(run: Run, protocol: Mapping[str, Any], path: Path) -> None:
+    """Write the values of a run into a file of golden values, whole or not at all.
+
+    Raises BadInput where its images are gone, CannotWrite where the file cannot be written.
+    """
+    table, _ = _object_lines(run)
+    fields = {"format": _FORMAT, "protocol": dict(protocol)}
+    fields |= {"environment": environment_of(run.manifest), "lines": table.splitlines()}
+    fields["sha256"] = sha256(_packed(fields)).hexdigest()
+    write_whole(path, (json.dumps(fields, indent=1, ensure_ascii=False) + "\n").encode())
+
+
+def read_golden_file(path: Path) -> GoldenObjects:
+    """Return what `write_file` has written. Raises BadInput for any other file."""
+    text = read_text(path, _MOST_BYTES)
+    try:
+        fields = json.loads(text)
+    except (ValueError, RecursionError):
+        fields = None
+    if not isinstance(fields, dict) or fields.get("format") != _FORMAT:
+        raise BadInput(
+            f"{path}: no file of golden values of this version; 'bench check DIR --bless {path}' "
+            "writes one"
+        )
+    told = fields.pop("sha256", None)
+    if told != sha256(_packed(fields)).hexdigest():
+        raise BadInput(
+            f"{path}: damaged or altered since it was written; restore it, or write it again with "
+            f"'bench check DIR --bless {path}'"
+        )
+    lines = _read_lines("\n".join(fields["lines"]))
+    return GoldenObjects(fields["protocol"], fields["environment"], lines)
+
+
+def _packed(fields: Mapping[str, Any]) -> bytes:
+    return json.dumps(fields, sort_keys=True).encode()
 
 
 def golden_thumbnails(name: str) -> UInt8Images:
@@ -192,8 +240,8 @@ def golden_thumbnails(name: str) -> UInt8Images:
     return read_png(png)
 
 
-def write_objects(run: Run, protocol: Mapping[str, Any]) -> list[Path]:
-    """Make the values and images of a run the golden ones of its suite, and return the files.
+def _object_lines(run: Run) -> tuple[str, list[NDArray[np.uint8]]]:
+    """Return the lines of a run's objects as CSV, and a thumbnail for each.
 
     Raises BadInput where its images are gone.
     """
@@ -217,8 +265,17 @@ def write_objects(run: Run, protocol: Mapping[str, Any]) -> list[Path]:
             )
         lines.append(row | {IMAGES: checksum(images)})
         thumbnails.append(_NO_IMAGE if images is None else thumbnail(images[0]))
-    csv, png, about = _paths(golden_name(run.manifest))
     table = pd.DataFrame(lines).to_csv(index=False, lineterminator="\n", float_format="%.6f")
+    return table, thumbnails
+
+
+def write_objects(run: Run, protocol: Mapping[str, Any]) -> list[Path]:
+    """Make the values and images of a run the golden ones of its suite, and return the files.
+
+    Raises BadInput where its images are gone.
+    """
+    table, thumbnails = _object_lines(run)
+    csv, png, about = _paths(golden_name(run.manifest))
     contents = {csv: table.encode(), png: to_png(thumbnails)}
     fields = {
         "protocol": dict(protocol),
@@ -253,40 +310,77 @@ class GoldenDeviation:
 
 
 @dataclass(frozen=True)
+class GoldenCell:
+    """The golden values of a metric of a method at a condition, as they were compared.
+
+    compared  number of values
+    problem   what is wrong, "" where all agree
+    """
+
+    method: str
+    condition: str
+    metric: str
+    compared: int
+    problem: str = ""
+
+    def __str__(self) -> str:
+        return f"{self.metric} of {self.method} at {self.condition}: {self.problem}"
+
+
+@dataclass(frozen=True)
+class Widths:
+    """How far values of objects may move: as `bench.checking.tolerances.object_tolerance` says.
+
+    by_metric  others, of a user
+    strict     in another environment as in the same one
+    """
+
+    by_metric: Mapping[str, float] = field(default_factory=dict)
+    strict: bool = False
+
+    def of(self, method: str, metric: str, same: bool) -> float:
+        """Return how far a value may move, in the `same` environment as the golden ones or not."""
+        wide = self.by_metric.get(metric, object_tolerance(method, metric, same or self.strict))
+        return max(wide, PRINTED)
+
+    def in_words(self, methods: Sequence[str], metrics: Sequence[str]) -> str:
+        """Return the tolerances of another environment."""
+        methods_by_text: dict[str, list[str]] = {}
+        for method in methods:
+            text = ", ".join(f"{m} {self.of(method, m, False):g}" for m in metrics)
+            methods_by_text.setdefault(text, []).append(method)
+        return "; ".join(f"{text} of {', '.join(ms)}" for text, ms in methods_by_text.items())
+
+
+@dataclass(frozen=True)
 class _ObjectComparison:
     """The result of a comparison object by object.
 
     remark    whether the golden values come from the same environment
-    compared  number of values by metric
-    lines     one for each metric of a method at a condition that moved, with the largest moves
+    cells     of each metric of a method at a condition; a problem names the largest moves
     moved     every value that moved
     """
 
     remark: str
-    compared: Counter[str]
-    lines: tuple[str, ...]
+    cells: tuple[GoldenCell, ...]
     moved: tuple[GoldenDeviation, ...]
 
 
-def compare_objects(run: Run, golden: GoldenObjects) -> _ObjectComparison:
-    """Compare the values of a run, or of a part of one, with the golden ones.
-
-    In the same environment a value may differ by the digits that are not written; elsewhere by
-    `bench.checking.tolerances.object_tolerance`.
-    """
+def compare_objects(run: Run, golden: GoldenObjects, widths: Widths) -> _ObjectComparison:
+    """Compare the values of a run, or of a part of one, with the golden ones."""
     expected = golden.part(run.manifest)
     metrics = [name for name in golden.lines.columns if name not in (*KEY, IMAGES)]
     actual = _object_values(run).reindex(index=expected.index, columns=metrics)
     here = environment_of(run.manifest)
     same = here == golden.environment
     stored = StoredImages(run.directory)
-    lines: list[str] = []
+    cells: list[GoldenCell] = []
     moved: list[GoldenDeviation] = []
     for cell, wanted in expected.groupby(KEY[:2], sort=False):
         method, condition = map(str, cell)
         measured = actual.loc[wanted.index]
         for metric in metrics:
-            allowed = object_tolerance(method, metric, same)
+            allowed = widths.of(method, metric, same)
             values = zip(
                 wanted.index, measured[metric], wanted[metric], wanted["line"], strict=True
             )
@@ -296,6 +390,7 @@ def compare_objects(run: Run, golden: GoldenObjects) -> _ObjectComparison:
                 if not (abs(now - was) <= allowed or (math.isnan(now) and math.isnan(was)))
             ]
             if not beyond:
+                cells.append(GoldenCell(method, condition, metric, len(wanted)))
                 continue
             beyond.sort(key=lambda deviation: -deviation.excess)
             worst = []
@@ -307,25 +402,34 @@ def compare_objects(run: Run, golden: GoldenObjects) -> _ObjectComparison:
                     f"{number(deviation.golden)}" + " (same images)" * same_images
                 )
             more = "; ..." * (len(beyond) > _WORST)
-            lines.append(
-                f"{metric} of {method} at {condition}: {len(beyond)} of {len(wanted)} objects "
-                f"moved by more than {allowed:.6f}: {'; '.join(worst)}{more}"
+            problem = (
+                f"{len(beyond)} of {len(wanted)} objects moved by more than {allowed:.6f}: "
+                f"{'; '.join(worst)}{more}"
             )
+            cells.append(GoldenCell(method, condition, metric, len(wanted), problem))
             moved += beyond
-    compared = Counter(dict.fromkeys(metrics, len(actual)))
-    return _ObjectComparison(
-        _remark(here, golden.environment), compared, tuple(lines), tuple(moved)
-    )
+    headline = [metric for metric in run.suite.headline if metric in metrics]
+    wide = widths.in_words(list(dict.fromkeys(expected.reset_index()["method"])), headline)
+    remark = _remark(here, golden.environment, wide, widths.strict)
+    return _ObjectComparison(remark, tuple(cells), tuple(moved))
 
 
-def _remark(here: Mapping[str, str], golden: Mapping[str, str]) -> str:
+def _remark(here: Mapping[str, str], golden: Mapping[str, str], wide: str, strict: bool) -> str:
     other = [
         f"{name} {here.get(name)} (golden: {golden.get(name)})"
         for name in dict.fromkeys((*here, *golden))
         if here.get(name) != golden.get(name)
     ]
+    if other and strict:
+        return (
+            "another environment than the golden values', compared to the last digit (--strict): "
+            f"{', '.join(other)}"
+        )
     if other:
-        return f"another environment than the golden values', wider tolerances: {', '.join(other)}"
+        return (
+            f"another environment than the golden values': {', '.join(other)}; wider tolerances: "
+            f"{wide} (--strict: to the last digit)"
+        )
     return "same environment as the golden values: objects are compared to the last digit"
 
 

@@ -1,13 +1,12 @@
-"""The commands on finished runs: merge, table, report, check, compare, recommend."""
+"""The commands on finished runs: merge, table, report, compare, recommend."""
 
 from __future__ import annotations
 
-import secrets
 import sys
 from collections.abc import Iterator, Mapping, Sequence
 from enum import StrEnum
 from pathlib import Path
-from typing import TYPE_CHECKING, Annotated, Any
+from typing import Annotated, Any
 
 import pandas as pd
 import typer
@@ -35,7 +34,6 @@ from bench.commands.options import (
     path_argument,
     path_option,
 )
-from bench.records.run_folder import read_manifest
 from bench.running.options import file_name
 from bench.tables.build import how_timed
 from bench.tables.grid import FEWER, MOVED, Cell, measured, number, records
@@ -43,15 +41,8 @@ from bench.tables.markdown import visible
 from bench.tables.terminal import laid_out, line_width, terminal_width
 from bench.tables.terminal import table as terminal_table
 from data_prep.failures import BadInput, CannotWrite
-from data_prep.scene import IMAGE_SIZE
 
-if TYPE_CHECKING:
-    from bench.checking.objects import GoldenDeviation
-
-_MOST_SEED = 2**32
-_MOST_MOVED = 8  # objects of the sheet
 _COMPARISONS = "comparisons"
-_ACROSS = 4  # tiles of it: two objects in a row
 
 
 def merge(
@@ -106,145 +97,6 @@ def report(
         print(write_report(make_outputs(read_run(directories[0])), out))
 
 
-def check(
-    directories: Annotated[
-        list[Path], path_argument("DIR", "The folder of a finished run; several with --claims.")
-    ],
-    bless: Annotated[
-        bool,
-        typer.Option("--bless", help="Replace the golden values by this run's. Default: compare."),
-    ] = False,
-    claims: Annotated[
-        bool,
-        typer.Option(
-            "--claims", help="Check the paper's claims on the runs instead of golden values."
-        ),
-    ] = False,
-    methods: Annotated[
-        str | None,
-        typer.Option(help="Methods, comma-separated, for --claims. Default: all pc2pix."),
-    ] = None,
-    again: Annotated[
-        float | None,
-        typer.Option(
-            metavar="SHARE",
-            help="Part of the jobs to compute again and to compare, over 0 to 1. Default: none.",
-        ),
-    ] = None,
-    seed: Annotated[
-        int | None,
-        typer.Option(help="Which jobs, for --again. Default: another each time, printed."),
-    ] = None,
-) -> None:
-    """Compare a run with the golden values, or with itself. Exit 0 if all agree, else 1."""
-    from bench.checking import golden as checks
-
-    if again is not None and (bless or claims):
-        raise BadInput("--again: compares a run with itself; leave --bless and --claims")
-    if seed is not None and again is None:
-        raise BadInput("--seed: chooses the jobs that are computed again; give --again with it")
-    if claims:
-        _check_claims(directories, names(methods) or ())
-        return
-    if methods is not None:
-        raise BadInput("--methods: golden values are of all methods; give --claims with it")
-    if len(directories) > 1:
-        raise BadInput(f"{len(directories)} folders: give one, or several with --claims")
-    (directory,) = directories
-    if again is not None:
-        _check_again(directory, again, secrets.randbelow(_MOST_SEED) if seed is None else seed)
-        return
-    if bless:
-        for path in checks.bless(directory):
-            print(f"golden values written to {path}")
-        return
-    verdict = checks.check(directory)
-    for line in verdict.remarks:
-        print(line)
-    first, others = verdict.by_headline
-    for line in (*first, *others):
-        print(f"REGRESSION {line}")
-    if verdict.headline:
-        print(
-            f"{' and '.join(verdict.headline_metrics)}: {verdict.headline} values, "
-            f"{len(first)} regressions; others: {verdict.compared - verdict.headline} values, "
-            f"{len(others)} regressions"
-        )
-    print(f"{verdict.compared} golden values compared, {len(verdict.regressions)} regressions")
-    try:
-        drawn = _write_deviations(directory, verdict.moved)
-    except CannotWrite as error:  # the verdict counts also where the folder is read-only
-        drawn = None
-        print(f"bench: {error}", file=sys.stderr)
-    if drawn:
-        print(f"the objects that moved most: {drawn}")
-    if verdict.regressions:
-        raise typer.Exit(1)
-
-
-def _write_deviations(directory: Path, moved: Sequence[GoldenDeviation]) -> Path | None:
-    """Draw the objects that moved most beside their golden thumbnails into a run's folder.
-
-    The image is of the first view. Among the metrics of an object with a method at a condition, the
-    one that moved most counts. Without any object an old file is removed. Raises CannotWrite.
-    """
-    from bench.checking.objects import SIDE, StoredImages, golden_thumbnails
-    from bench.checking.objects import number as rounded
-    from bench.rendering.files import write_images
-    from bench.rendering.finish import Tile, draw_sheet
-    from bench.report.figure import FIGURES
-    from bench.tables.published import golden_name
-
-    path = directory / FIGURES / "moved.png"
-    worst: dict[object, GoldenDeviation] = {}
-    for deviation in sorted(moved, key=lambda deviation: -deviation.excess):
-        worst.setdefault(deviation.item, deviation)
-    if not worst:
-        try:
-            path.unlink(missing_ok=True)
-        except OSError as error:
-            raise CannotWrite(f"{path}: cannot be removed ({error.strerror}); remove it") from error
-        return None
-    stored = StoredImages(directory)
-    thumbnails = golden_thumbnails(golden_name(read_manifest(directory)))
-    tiles, times = [], IMAGE_SIZE // SIDE
-    for deviation in list(worst.values())[:_MOST_MOVED]:
-        images = stored.images(deviation.item)
-        method, condition, *obj = deviation.item
-        drawn = "no image" if images is None else images[:1]
-        tiles.append(
-            Tile(f"{'/'.join(obj)}: {deviation.metric} {rounded(deviation.actual)}", drawn)
-        )
-        before = f"golden {rounded(deviation.golden)}, {method}, {condition}"
-        thumbnail = thumbnails[deviation.line].repeat(times, axis=0).repeat(times, axis=1)
-        tiles.append(Tile(before, thumbnail[None]))
-    write_images(draw_sheet(tiles, min(_ACROSS, len(tiles)), scale=2), path)
-    return path
-
-
-def _check_again(directory: Path, share: float, seed: int) -> None:
-    """Print a line for each job whose results are others than in the run, and how many are not."""
-    from bench.checking.again import check_again
-
-    result = check_again(directory, share, seed)
-    for line in result.differing:
-        print(visible(f"DIFFERS {line}"))
-    agree = "equal" if result.same_environment else "within tolerances"
-    verdict = f"{len(result.differing)} differ" if result.differing else f"all {agree}"
-    print(f"{result.computed} of {result.total} jobs computed again: {verdict}")
-    if result.differing:
-        raise typer.Exit(1)
-
-
-def _check_claims(directories: list[Path], methods: Sequence[str]) -> None:
-    """Print the checklist, and write it into the first folder."""
-    from bench.checking.checklist import check_claims, to_markdown, write_checklist
-
-    checklist = check_claims(directories, methods)
-    print(to_markdown(checklist))
-    print(f"written to {write_checklist(checklist, directories[0])}", file=sys.stderr)
-
-
 class _ComparisonFormat(StrEnum):
     """The formats in which a comparison is printed."""
 
@@ -252,6 +104,12 @@ class _ComparisonFormat(StrEnum):
     md = "md"
     csv = "csv"
     json = "json"
+
+
+class _Failing(StrEnum):
+    """The outcome of a comparison at which the command exits with 1."""
+
+    worse = "worse"
 
 
 def compare(
@@ -282,6 +140,12 @@ def compare(
             "--format",
             help="Print who is ahead (text), values with intervals (md), or all columns (csv, "
             "json). Default: text on a terminal, else md.",
+        ),
+    ] = None,
+    fail_on: Annotated[
+        _Failing | None,
+        typer.Option(
+            help="Exit 1 where the second one is shown to be worse in a cell. Default: exit 0."
         ),
     ] = None,
 ) -> None:
@@ -325,6 +189,8 @@ def compare(
         print(table.to_markdown())
     else:
         print(in_format([table], Format(format_)), end="")
+    if fail_on is not None and (differences.cells["ahead"] == "a").any():
+        raise typer.Exit(1)
 
 
 def recommend(

@@ -414,7 +414,7 @@ def dots_figure(
         for number, method in enumerate(methods):
             dots = of_cell[of_cell["method"] == method]
             shift = (number - (len(methods) - 1) / 2) * min(0.3, 0.6 / len(methods)) * zero
-            y, style = dots["row"].map(rows) + shift, styles[method]
+            y, style = dots["row"].map(rows).astype(float) + shift, styles[method]
             axis.hlines(y, dots["low"], dots["high"], color=style.colour, linewidth=0.9)
             axis.plot(dots["value"], y, **marker(style) | {"label": shortened(method)})
             hollow = dots["hollow"].astype(bool)

@@ -46,8 +46,10 @@ _MARKS = {
     "tie": Annotation("tie", "{value}{interval} ="),
 }
 _TOO_FEW = Annotation("too few objects", "{value}{interval} ?")
+_UNCHANGED = Annotation("unchanged", "{value} unchanged")
 # The cell of the second side, by who is ahead.
 _WORDS = {"b": "better", "a": "worse", "tie": "not decided", "unknown": "undecided"}
+_WORDS |= {"same": "unchanged"}
 _HINT = "Intervals: --format md"  # an option of `bench compare`
 
 
@@ -121,6 +123,7 @@ def difference_cell(row: Row) -> Cell:
     digits = decimals(metric, *methods)
     values = f"{shown(row['value_a'], digits)} to {shown(row['value_b'], digits)}: "
     special = _TOO_FEW if row["objects_needed"] else _MARKS.get(row["ahead"])
+    special = _UNCHANGED if _who(row) == "same" else special
     low, high = row["ci_low"], row["ci_high"]
     while (
         row["ahead"] in ("a", "b") and digits < KEPT and not round(min(abs(low), abs(high)), digits)
@@ -128,6 +131,12 @@ def difference_cell(row: Row) -> Cell:
         digits += 1  # an interval that leaves out 0 does not print it
     cell = number((row["difference"], low, high), f"{{:+.{digits}f}}".format, special=special)
     return marked(replace(cell, text=values + cell.text), metric, *methods)
+
+
+def _who(row: Row) -> str:
+    """Return who is ahead, "same" where each object has equal values on both sides."""
+    unequal = row["ci_low"] < 0 or row["ci_high"] > 0
+    return row["ahead"] if row["difference"] or unequal else "same"
 
 
 def _measured(row: Row) -> list[str]:
@@ -170,7 +179,7 @@ def _verdicts(cells: pd.DataFrame, conditions: Sequence[str]) -> Iterator[list[s
         known = [at.get(name, {"difference": math.nan}) for name in conditions]
         finite = [math.isfinite(row["difference"]) for row in known]
         pairs = list(zip(known, finite, strict=True))
-        yield [str(metric), *(_WORDS[row["ahead"]] if ok else "-" for row, ok in pairs)]
+        yield [str(metric), *(_WORDS[_who(row)] if ok else "-" for row, ok in pairs)]
         yield ["  difference", *(_difference(row) if ok else "-" for row, ok in pairs)]
 
 
@@ -183,6 +192,9 @@ def _difference(row: Row) -> str:
 def _verdict(cells: pd.DataFrame, name: str, objects: str, hint: str) -> str:
     """Return how often the second side, `name`, is ahead: of all objects, and of the classes."""
     valued = cells[cells["difference"].notna()]
+    valued = valued.assign(ahead=[_who(row) for row in records(valued)])
+    if len(valued) and (valued["ahead"] == "same").all():
+        return f"Unchanged in {len(valued)} cell{'s' * (len(valued) != 1)}."
     needed = valued["objects_needed"].dropna()
     if len(needed) == len(valued):
         nothing = f"{objects} decide{'s' * objects.startswith('1 ')} nothing here"
@@ -201,7 +213,7 @@ def _verdict(cells: pd.DataFrame, name: str, objects: str, hint: str) -> str:
 
 def _count(cells: pd.DataFrame, name: str, where: str) -> str:
     counts = cells["ahead"].replace("unknown", "tie").value_counts()
-    words = {"b": "ahead in", "a": "behind in", "tie": "not decided in"}
+    words = {"b": "ahead in", "a": "behind in", "tie": "not decided in", "same": "unchanged in"}
     told = ", ".join(f"{said} {counts[who]}" for who, said in words.items() if who in counts)
     of_cells = f"{len(cells)} cell{'s' * (len(cells) != 1)}{where}"
     corrected = f"(p < .05, corrected for {cells['cells'].max()})"

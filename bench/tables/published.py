@@ -63,7 +63,7 @@ def golden(name: str) -> pd.DataFrame:
     if "protocol" not in values:
         raise BadInput(
             f"{path}: golden values of version 1.0.0 or earlier; write them with 'bench check DIR "
-            "--bless'"
+            "--bless results/golden'"
         )
     return values
 

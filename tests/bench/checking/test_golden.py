@@ -11,7 +11,7 @@ from bench.catalogue.chosen import BEST_RECONSTRUCTION
 from bench.catalogue.lookup import find
 from bench.catalogue.methods import FLOORS
 from bench.catalogue.suites import SUITES, with_truth
-from bench.checking.golden import CheckResult, check, golden_lines
+from bench.checking.golden import check, golden_lines
 from bench.checking.tolerances import JUDGED, OF_CLASSES, RECONSTRUCTION, RENDERING, tolerance
 from bench.records.run_folder import read_manifest, write_manifest
 from bench.tables.build import tables, write_outputs
@@ -43,9 +43,11 @@ def alter_records(run, column, change, method="splat", condition="512"):
 def test_a_run_agrees_with_itself_and_so_does_a_part_of_it(run, command, tmp_path):
     part = write_run(tmp_path / "part", methods=["true-mesh"], conditions=["512"])
     values, first = len(GOLDEN) + OBJECT_VALUES, 2 * (1 + 3)  # of 2 metrics the mean and 3 objects
-    assert check(part) == CheckResult(values, (), (SAME,), (), HEADLINE, first)
-    values, first = 6 * values, 6 * first  # 3 methods x 2 conditions
-    assert check(run) == CheckResult(values, (), (SAME,), (), HEADLINE, first)
+    for directory, times in ((part, 1), (run, 6)):  # 3 methods x 2 conditions
+        result = check(directory)
+        assert (result.compared, result.headline) == (times * values, times * first)
+        assert (result.regressions, result.remarks, result.moved) == ((), (SAME,), ())
+    values, first = 6 * values, 6 * first
     said = (
         f"{SAME}\nssim-object and lpips: {first} values, 0 regressions; "
         f"others: {values - first} values, 0 regressions\n"
@@ -279,11 +281,11 @@ def test_another_truth_has_golden_values_of_its_own(tmp_path, run, results, comm
         "'bench check DIR --again 0.05' compares a run with itself"
     )
     part = write_run(tmp_path / "part", truth="grey", conditions=["512"])
-    assert refused("check", "--bless", part) == (
+    assert refused("check", part, "--bless", results / "golden") == (
         f"{part}: golden values are of the whole default run, this one has no conditions 2048; "
         f"run 'bench run --suite {SUITE} --truth grey' and give its folder"
     )
-    assert command("check", "--bless", grey)[0] == 0
+    assert command("check", grey, "--bless", results / "golden")[0] == 0
     written = {path.name.partition(".")[0] for path in (results / "golden").iterdir()}
     assert written == {
         f"{SUITE}{truth}{part}" for truth in ("", "-grey") for part in ("", "-objects")
@@ -319,7 +321,9 @@ def test_without_golden_values_or_a_run(tmp_path, results, refused):
         assert refused("check", path) == message.format(path)
 
 
-@pytest.mark.parametrize("arguments", [["check"], ["check", "--bless"], ["table"], ["report"]])
+@pytest.mark.parametrize(
+    "arguments", [["check"], ["check", "--bless", "x.json"], ["table"], ["report"]]
+)
 def test_a_run_that_was_stopped_has_no_verdict(run, refused, arguments):
     write_manifest(run, read_manifest(run) | {"finished": None})
     said = f"{run}: the run is not finished; start it again with its command"
@@ -329,7 +333,9 @@ def test_a_run_that_was_stopped_has_no_verdict(run, refused, arguments):
 def test_without_golden_values_by_object_the_run_has_to_be_whole(tmp_path, run, results, refused):
     for path in results.glob("golden/*-objects.*"):
         path.unlink()
-    assert check(run) == CheckResult(6 * len(GOLDEN), (), (), (), HEADLINE, 6 * 2)
+    result = check(run)
+    assert (result.compared, result.headline) == (6 * len(GOLDEN), 6 * 2)
+    assert result.regressions == result.remarks == ()
     part = write_run(tmp_path / "part", objects=["chair/a", "chair/b"])
     said = refused("check", part)
     assert "no golden values for this protocol: objects 2 (golden: 3); " in said
@@ -348,7 +354,7 @@ def test_without_golden_values_by_object_the_run_has_to_be_whole(tmp_path, run, 
 def test_bless_needs_the_whole_default_run(tmp_path, run, results, refused, change, message):
     before = {path: path.read_bytes() for path in results.glob("golden/*")}
     other = write_run(tmp_path / "other", **change)
-    assert refused("check", "--bless", other) == (
+    assert refused("check", other, "--bless", results / "golden") == (
         f"{other}: golden values are of the whole default run, this one has {message}; "
         f"run 'bench run --suite {SUITE}' and give its folder"
     )

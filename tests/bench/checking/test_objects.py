@@ -20,6 +20,7 @@ from bench.checking.golden import bless, check
 from bench.checking.objects import (
     ACROSS,
     SIDE,
+    Widths,
     environment_of,
     golden_thumbnails,
     read_objects,
@@ -157,8 +158,14 @@ def test_another_environment_widens_the_tolerance(part):
     assert verdict.regressions == ()
     assert verdict.remarks == (
         PART,
-        "another environment than the golden values', wider tolerances: "
-        "gl another driver (golden: None)",
+        "another environment than the golden values': gl another driver (golden: None); "
+        "wider tolerances: ssim-object 0.0055, lpips 0.01 of splat, blank; ssim-object 1e-06, "
+        "lpips 1e-06 of true-mesh (--strict: to the last digit)",
+    )
+    strict = check(part, Widths(strict=True))
+    assert strict.remarks[1].startswith("another environment than the golden values', compared to ")
+    assert (
+        "ssim of splat at 512: 3 of 5 objects moved by more than 0.000001" in strict.regressions[0]
     )
     alter(part, {"c": -0.001})
     (line,) = check(part).regressions
@@ -375,13 +382,13 @@ def test_files_that_cannot_be_used_are_named_with_a_remedy(
     said = refused("check", part)
     assert said.startswith(f"{golden_results}/golden/{SUITE}")
     assert message in said
-    assert "'bench check DIR --bless'" in said
+    assert "'bench check DIR --bless results/golden'" in said
 
 
 def test_nothing_is_blessed_without_its_images(run, golden_results, refused):
     before = {path: path.read_bytes() for path in golden_results.glob("golden/*")}
     damage_images(run, [key_of(run, "d")])
-    assert refused("check", "--bless", run) == (
+    assert refused("check", run, "--bless", golden_results / "golden") == (
         f"{run}: images of splat at 512 of chair/d cannot be read; "
         "start the run again with its command"
     )

@@ -246,6 +246,26 @@ CASES: dict[str, str] = {
     "train judge --objects 47": "--objects 47 --views 16 --steps 3000: give at least 48 objects",
     "train judge --objects 48 --views 1": "--objects 48 --views 1 --steps 3000: give at least 48 o",
 }
+NO_GOLDEN = "no file of golden values of this version; 'bench check DIR --bless "
+CASES |= {
+    "check run --golden gone.json": "gone.json: no such file",
+    "check run --golden meshes": "meshes: ",
+    **{
+        f"check run --golden {name}": f"{name}: {NO_GOLDEN}" for name in ("brace.json", "list.json")
+    },
+    "check run --golden cloud.xyz --format junit": f"cloud.xyz: {NO_GOLDEN}",
+    "check run --bless meshes": "meshes: a folder; give the name of a file, such as golden.json",
+    "check run --bless a.json --golden b.json": "--bless: writes golden values; leave --golden",
+    "check run --tolerance ssim=0.1": "--tolerance: the golden values of results/golden have their",
+    "check run --golden a --tolerance beauty=1": "--tolerance beauty=1: no metric of golden",
+    **{
+        f"check run --golden a --tolerance ssim={value}": f"--tolerance ssim={value}: must be a num"
+        for value in ("-1", "nan", "inf", "x", "")
+    },
+    "check run --claims --strict": "--claims: compares with the paper; leave --strict",
+    "check run --again 1 --golden a": "--again: compares a run with itself; leave --golden",
+    "compare run run --fail-on better": "Invalid value for '--fail-on': 'better' is not one of ",
+}
 CASES |= {
     line.replace("OTHER", other): f"{other}: of protocol {version}, this version has protocol "
     f"{PROTOCOL_VERSION} ('bench --protocol'); {release}, or run again with another --out "
@@ -254,7 +274,7 @@ CASES |= {
         ("newer", NEWER, "update pc2pix-bench"),
     )
     for line in (
-        *("table OTHER", "report OTHER", "check OTHER", "check OTHER --bless"),
+        *("table OTHER", "report OTHER", "check OTHER", "check OTHER --bless x.json"),
         *("check run OTHER --claims", "recommend OTHER --budget-ms 100", "report run OTHER"),
         *("score OTHER --metrics ms-ssim", "compare run OTHER", "compare OTHER run"),
         "merge OTHER --out whole",

@@ -1,0 +1,283 @@
+"""`bench check`: a run against golden values, against itself, or against the paper's claims."""
+
+from __future__ import annotations
+
+import json
+import math
+import secrets
+import sys
+from collections.abc import Sequence
+from dataclasses import dataclass
+from pathlib import Path
+from typing import TYPE_CHECKING, Annotated, Literal
+from xml.etree import ElementTree
+
+import typer
+
+from bench.commands.options import OptionSpec, options_from_dataclass, path_argument
+from bench.records.run_folder import read_manifest
+from bench.tables.markdown import visible
+from data_prep.failures import BadInput, CannotWrite
+from data_prep.scene import IMAGE_SIZE, UInt8Images
+
+if TYPE_CHECKING:
+    from bench.checking.golden import CheckResult
+    from bench.checking.objects import GoldenDeviation, Widths
+
+_MOST_SEED = 2**32
+_MOST_MOVED = 8  # objects of the sheet
+_ACROSS = 4  # tiles of it: two objects in a row
+
+
+@dataclass(frozen=True)
+class _CheckOptions:
+    """The options of `bench check`."""
+
+    golden: Path | None = None
+    bless: Path | None = None
+    tolerance: tuple[str, ...] | None = None
+    strict: bool = False
+    format: Literal["text", "json", "junit"] = "text"
+    claims: bool = False
+    methods: tuple[str, ...] | None = None
+    again: float | None = None
+    seed: int | None = None
+
+    @property
+    def of_golden(self) -> list[str]:
+        """Return the options given that are of golden values alone."""
+        defaults = _CheckOptions()
+        named = ("golden", "bless", "tolerance", "strict", "format")
+        return [f"--{name}" for name in named if getattr(self, name) != getattr(defaults, name)]
+
+
+@options_from_dataclass(
+    _CheckOptions,
+    {
+        "golden": "A file of golden values of your own, from 'bench check DIR --bless FILE'. "
+        "Default: those of the default runs, in results/golden.",
+        "bless": "Write this run's values to a file of golden values; given the folder "
+        "results/golden, replace those of the suite. Default: compare.",
+        "tolerance": OptionSpec(
+            "How far a value of an object may move from that in --golden, comma-separated. "
+            "Default: by docs/noise-floor.md.",
+            metavar="METRIC=X",
+        ),
+        "strict": "Compare objects to the last digit in another environment, too. Default: with "
+        "wider tolerances, which are printed.",
+        "format": "Format of the verdict on golden values.",
+        "claims": "Check the paper's claims on the runs instead of golden values.",
+        "methods": "Methods, comma-separated, for --claims. Default: all pc2pix.",
+        "again": OptionSpec(
+            "Part of the jobs to compute again and to compare, over 0 to 1. Default: none.",
+            metavar="SHARE",
+        ),
+        "seed": "Which jobs, for --again. Default: another each time, printed.",
+    },
+)
+def check(
+    options: _CheckOptions,
+    directories: Annotated[
+        list[Path], path_argument("DIR", "The folder of a finished run; several with --claims.")
+    ],
+) -> None:
+    """Compare a run with golden values, or with itself. Exit 0 if all agree, else 1."""
+    from bench.checking import golden as checks
+
+    again, seed, given = options.again, options.seed, options.of_golden
+    if again is not None and (given or options.claims):
+        alone = ", ".join([*given, *["--claims"] * options.claims])
+        raise BadInput(f"--again: compares a run with itself; leave {alone}")
+    if seed is not None and again is None:
+        raise BadInput("--seed: chooses the jobs that are computed again; give --again with it")
+    if options.claims and given:
+        raise BadInput(f"--claims: compares with the paper; leave {', '.join(given)}")
+    if options.claims:
+        _check_claims(directories, options.methods or ())
+        return
+    if options.methods is not None:
+        raise BadInput("--methods: golden values are of all methods; give --claims with it")
+    if len(directories) > 1:
+        raise BadInput(f"{len(directories)} folders: give one, or several with --claims")
+    (directory,) = directories
+    if again is not None:
+        _check_again(directory, again, secrets.randbelow(_MOST_SEED) if seed is None else seed)
+        return
+    if options.bless is not None:
+        if others := [option for option in given if option != "--bless"]:
+            raise BadInput(f"--bless: writes golden values; leave {', '.join(others)}")
+        for path in checks.bless(directory, options.bless):
+            print(f"golden values written to {path}")
+        return
+    if options.tolerance and options.golden is None:
+        raise BadInput(
+            "--tolerance: the golden values of results/golden have their own; give --golden FILE"
+        )
+    widths = _widths(options.tolerance or (), options.strict)
+    verdict = checks.check(directory, widths, options.golden)
+    try:
+        drawn = _write_deviations(directory, verdict.moved, thumbnails=options.golden is None)
+    except CannotWrite as error:  # the verdict counts also where the folder is read-only
+        drawn = None
+        print(f"bench: {error}", file=sys.stderr)
+    if options.format == "text":
+        _print_verdict(verdict, drawn)
+    else:
+        print((_as_json if options.format == "json" else _as_junit)(directory, verdict))
+    if verdict.regressions:
+        raise typer.Exit(1)
+
+
+def _widths(given: Sequence[str], strict: bool) -> Widths:
+    """Return the tolerances of the command line. Raises BadInput for one that cannot be used."""
+    from bench.checking.objects import Widths
+    from bench.checking.tolerances import OBJECT_RENDERING
+
+    by_metric = {}
+    for text in given:
+        metric, _, number = text.partition("=")
+        if metric not in OBJECT_RENDERING:
+            raise BadInput(
+                f"--tolerance {text}: no metric of golden values; give METRIC=X with one of "
+                f"{', '.join(OBJECT_RENDERING)}"
+            )
+        try:
+            by_metric[metric] = float(number)
+        except ValueError:
+            by_metric[metric] = math.nan
+        if not 0 <= by_metric[metric] < math.inf:
+            raise BadInput(f"--tolerance {text}: must be a number from 0, as in {metric}=0.01")
+    return Widths(by_metric, strict)
+
+
+def _print_verdict(verdict: CheckResult, drawn: Path | None) -> None:
+    for line in verdict.remarks:
+        print(visible(line))
+    first, others = verdict.by_headline
+    for line in (*first, *others):
+        print(visible(f"REGRESSION {line}"))
+    if verdict.headline:
+        print(
+            f"{' and '.join(verdict.headline_metrics)}: {verdict.headline} values, "
+            f"{len(first)} regressions; others: {verdict.compared - verdict.headline} values, "
+            f"{len(others)} regressions"
+        )
+    print(f"{verdict.compared} golden values compared, {len(verdict.regressions)} regressions")
+    if drawn:
+        print(f"the objects that moved most: {drawn}")
+
+
+def _as_json(directory: Path, verdict: CheckResult) -> str:
+    """Return a verdict as JSON; a value that there is not is null."""
+
+    def value(number: float) -> float | None:
+        return number if math.isfinite(number) else None
+
+    told = {
+        "run": str(directory),
+        "agrees": not verdict.regressions,
+        "compared": verdict.compared,
+        "regressions": [
+            {"method": c.method, "condition": c.condition, "metric": c.metric, "problem": c.problem}
+            for c in verdict.cells
+            if c.problem
+        ],
+        "others": verdict.others,
+        "objects": [
+            {
+                **d.item._asdict(),
+                "metric": d.metric,
+                "value": value(d.actual),
+                "golden": value(d.golden),
+                "tolerance": d.allowed,
+            }
+            for d in verdict.moved
+        ],
+        "remarks": verdict.remarks,
+    }
+    return json.dumps(told, indent=1, ensure_ascii=False)
+
+
+def _as_junit(directory: Path, verdict: CheckResult) -> str:
+    """Return a verdict as JUnit's XML: a test case for each metric of a method at a condition."""
+    suite = ElementTree.Element("testsuite", name=f"bench check {directory}")
+    for cell in verdict.cells:
+        name = f"{cell.metric} at {cell.condition}"
+        case = ElementTree.SubElement(suite, "testcase", classname=cell.method, name=name)
+        if cell.problem:
+            ElementTree.SubElement(case, "failure", message=visible(str(cell)))
+    for line in verdict.others:
+        case = ElementTree.SubElement(suite, "testcase", classname="tables", name=visible(line))
+        ElementTree.SubElement(case, "failure", message=visible(line))
+    ElementTree.SubElement(suite, "system-out").text = visible("\n".join(verdict.remarks))
+    suite.set("tests", str(len(verdict.cells) + len(verdict.others)))
+    suite.set("failures", str(len(verdict.regressions)))
+    ElementTree.indent(suite)
+    return ElementTree.tostring(suite, encoding="unicode", xml_declaration=True)
+
+
+def _write_deviations(
+    directory: Path, moved: Sequence[GoldenDeviation], thumbnails: bool
+) -> Path | None:
+    """Draw the objects that moved most into a run's folder, beside `thumbnails` that are golden.
+
+    The image is of the first view. Among the metrics of an object with a method at a condition, the
+    one that moved most counts. Without any object an old file is removed. Raises CannotWrite.
+    """
+    from bench.checking.objects import SIDE, StoredImages, golden_thumbnails
+    from bench.checking.objects import number as rounded
+    from bench.rendering.files import write_images
+    from bench.rendering.finish import Tile, draw_sheet
+    from bench.report.figure import FIGURES
+    from bench.tables.published import golden_name
+
+    path = directory / FIGURES / "moved.png"
+    worst: dict[object, GoldenDeviation] = {}
+    for deviation in sorted(moved, key=lambda deviation: -deviation.excess):
+        worst.setdefault(deviation.item, deviation)
+    if not worst:
+        try:
+            path.unlink(missing_ok=True)
+        except OSError as error:
+            raise CannotWrite(f"{path}: cannot be removed ({error.strerror}); remove it") from error
+        return None
+    stored = StoredImages(directory)
+    before = golden_thumbnails(golden_name(read_manifest(directory))) if thumbnails else None
+    tiles, times = [], IMAGE_SIZE // SIDE
+    for deviation in list(worst.values())[:_MOST_MOVED]:
+        images = stored.images(deviation.item)
+        method, condition, *obj = deviation.item
+        drawn = "no image" if images is None else images[:1]
+        tiles.append(
+            Tile(f"{'/'.join(obj)}: {deviation.metric} {rounded(deviation.actual)}", drawn)
+        )
+        thumbnail: UInt8Images | str = "no thumbnail in this file"
+        if before is not None:
+            thumbnail = before[[deviation.line]].repeat(times, axis=1).repeat(times, axis=2)
+        was = f"golden {rounded(deviation.golden)}, {method}, {condition}"
+        tiles.append(Tile(was, thumbnail))
+    write_images(draw_sheet(tiles, min(_ACROSS, len(tiles)), scale=2), path)
+    return path
+
+
+def _check_again(directory: Path, share: float, seed: int) -> None:
+    """Print a line for each job whose results are others than in the run, and how many are not."""
+    from bench.checking.again import check_again
+
+    result = check_again(directory, share, seed)
+    for line in result.differing:
+        print(visible(f"DIFFERS {line}"))
+    agree = "equal" if result.same_environment else "within tolerances"
+    verdict = f"{len(result.differing)} differ" if result.differing else f"all {agree}"
+    print(f"{result.computed} of {result.total} jobs computed again: {verdict}")
+    if result.differing:
+        raise typer.Exit(1)
+
+
+def _check_claims(directories: list[Path], methods: Sequence[str]) -> None:
+    """Print the checklist, and write it into the first folder."""
+    from bench.checking.checklist import check_claims, to_markdown, write_checklist
+
+    checklist = check_claims(directories, methods)
+    print(to_markdown(checklist))
+    print(f"written to {write_checklist(checklist, directories[0])}", file=sys.stderr)

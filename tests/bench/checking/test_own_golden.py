@@ -1,0 +1,154 @@
+"""Golden values of a user's own: any run, methods and dataset, in one file."""
+
+from __future__ import annotations
+
+import json
+import shutil
+from pathlib import Path
+from xml.etree import ElementTree
+
+import pandas as pd
+import pytest
+
+from bench.records.run_folder import read_manifest, write_manifest
+
+from ..builders import overwrite, write_run
+
+OBJECTS = [f"bench/{name}" for name in "abcdefghij"]
+NAMES = {"methods": ["splat", "surface-fit", "mine", "blank"], "conditions": ["2048"]}
+
+
+@pytest.fixture(scope="module")
+def seed_folder(tmp_path_factory):
+    folder = tmp_path_factory.mktemp("own")
+    write_run(folder / "run", objects=OBJECTS, dataset="folder:here", seed=5, **NAMES)
+    return folder
+
+
+@pytest.fixture
+def run(seed_folder, tmp_path, command):
+    """A copy of a run; `golden.json` beside it has its values."""
+    copy = Path(shutil.copytree(seed_folder / "run", tmp_path / "run"))
+    golden = tmp_path / "golden.json"
+    done = command("check", copy, "--bless", golden)
+    assert done == (0, f"golden values written to {golden}\n", "")
+    return copy
+
+
+def alter(run, by, method="splat", score="lpips"):
+    path = run / "records.parquet"
+    frame = pd.read_parquet(path)
+    frame.loc[frame["method"] == method, score] += by
+    overwrite(run, frame)
+
+
+def test_a_cell_that_is_worse_by_three_thousandths_is_a_regression(run, tmp_path, command):
+    check = ("check", run, "--golden", tmp_path / "golden.json")
+    status, out, _ = command(*check)
+    assert status == 0
+    assert out.endswith(" golden values compared, 0 regressions\n")
+    alter(run, 0.003)
+    status, out, _ = command(*check)
+    assert status == 1
+    (line,) = (line for line in out.splitlines() if line.startswith("REGRESSION"))
+    assert line.startswith(
+        "REGRESSION lpips of splat at 2048: 10 of 10 objects moved by more than 0.000001: bench/"
+    )
+    assert (run / "figures" / "moved.png").exists()
+    for width, status in (("0.0031", 0), ("0.0029", 1)):
+        assert command(*check, "--tolerance", f"lpips={width}")[0] == status
+
+
+def test_the_verdict_for_programs(run, tmp_path, command):
+    check = ("check", run, "--golden", tmp_path / "golden.json")
+    alter(run, 0.003)
+    status, out, _ = command(*check, "--format", "json")
+    told = json.loads(out)
+    assert (status, told["agrees"]) == (1, False)
+    (regression,) = told["regressions"]
+    assert [regression[n] for n in ("method", "condition", "metric")] == ["splat", "2048", "lpips"]
+    assert len(told["objects"]) == 10
+    moved = told["objects"][0]
+    assert moved["value"] - moved["golden"] == pytest.approx(0.003, abs=2e-6)
+    status, out, _ = command(*check, "--format", "junit")
+    suite = ElementTree.fromstring(out)
+    cases = suite.findall("testcase")
+    assert (status, suite.get("tests"), suite.get("failures")) == (1, str(len(cases)), "1")
+    failed = [
+        (case.get("classname"), case.get("name"))
+        for case in cases
+        if case.find("failure") is not None
+    ]
+    assert failed == [("splat", "lpips at 2048")]
+    assert told["compared"] == 10 * len(cases)
+
+
+def test_elsewhere_tolerances_are_wider_and_named_unless_strict(run, tmp_path, command):
+    check = ("check", run, "--golden", tmp_path / "golden.json")
+    write_manifest(run, read_manifest(run) | {"environment": {"gl": "another"}})
+    alter(run, 0.003)
+    status, out, _ = command(*check)
+    assert status == 0
+    assert out.splitlines()[0] == (
+        "another environment than the golden values': gl another (golden: None); wider tolerances: "
+        "ssim-object 0.0055, lpips 0.01 of splat, mine, blank; ssim-object 0.105, lpips 0.12 of "
+        "surface-fit (--strict: to the last digit)"
+    )
+    status, out, _ = command(*check, "--strict")
+    assert status == 1
+    assert "gl another (golden: None)" in out
+
+
+def test_what_only_one_side_has_is_named_and_left_out(run, tmp_path, command, refused):
+    golden = tmp_path / "golden.json"
+    fewer = {"methods": ["splat", "other"], "conditions": ["2048", "512"]}
+    less = write_run(
+        tmp_path / "less", objects=OBJECTS[:4], dataset="folder:there", seed=5, **fewer
+    )
+    status, out, _ = command("check", less, "--golden", golden)
+    assert status == 0
+    assert out.splitlines()[:5] == [
+        "without golden values, left out: methods other",
+        "without golden values, left out: conditions 512",
+        "golden values of what this run has not, left out: methods blank, mine, surface-fit",
+        "golden values of what this run has not, left out: objects " + ", ".join(OBJECTS[4:]),
+        "same environment as the golden values: objects are compared to the last digit",
+    ]
+    none = write_run(tmp_path / "none", objects=["bench/z"], dataset="folder:here", seed=5, **NAMES)
+    assert refused("check", none, "--golden", golden).startswith(
+        f"{golden}: has no method, condition and object of {none} in common; check a run with "
+    )
+    other = write_run(tmp_path / "other", objects=OBJECTS, views=3, **NAMES)
+    assert refused("check", other, "--golden", golden) == (
+        f"{golden}: of another protocol than {other}: dataset procedural (golden: folder), views 3 "
+        "(golden: 2), seed 0 (golden: 5); check a run with the same options, or write golden "
+        "values of this one with --bless FILE"
+    )
+
+
+@pytest.mark.parametrize(
+    ("old", "new"), [("0.", "1."), ('"seed": 5', '"seed": 6'), ("splat", "splot"), ("sha", "sho")]
+)
+def test_an_altered_file_is_refused(run, tmp_path, refused, old, new):
+    golden = tmp_path / "golden.json"
+    golden.write_text(golden.read_text().replace(old, new, 1))
+    assert refused("check", run, "--golden", golden) == (
+        f"{golden}: damaged or altered since it was written; restore it, or write it again with "
+        f"'bench check DIR --bless {golden}'"
+    )
+
+
+def test_a_run_that_is_worse_can_fail_a_comparison_and_one_that_is_equal_is_unchanged(
+    run, tmp_path, command
+):
+    old = Path(shutil.copytree(run, tmp_path / "old"))
+    compare = ("compare", old, run, "--fail-on", "worse")
+    status, out, _ = command(*compare, "--format", "text")
+    assert status == 0
+    assert out.splitlines()[-1] == "Unchanged in 8 cells."
+    alter(run, 0.003)
+    status, out, _ = command(*compare, "--format", "text")
+    assert status == 1
+    assert "behind in 1, unchanged in 7 of 8 cells" in " ".join(out.split())
+    alter(run, -0.006)
+    assert command(*compare)[0] == 0
