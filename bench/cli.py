@@ -201,6 +201,9 @@ def _interrupt_handler(
 
 def main(arguments: Sequence[str] | None = None) -> None:
     """Run the console script `bench`; with `arguments`, else with those of the process."""
+    if sys.platform == "win32":  # without fork and locks of files
+        print("bench: Windows: use WSL 2 or Docker (docs/platforms.md)", file=sys.stderr)
+        raise SystemExit(2)
     if signal.getsignal(signal.SIGINT) is signal.default_int_handler:  # else it is ignored
         signal.signal(signal.SIGINT, _interrupt_handler())
     for name in ("stdout", "stderr"):  # None where the caller has closed it

@@ -70,6 +70,8 @@ def _first_processor() -> dict[str, str]:
 
 def cores() -> int:
     """Return the number of cores that this process may use."""
+    if not hasattr(os, "sched_getaffinity"):  # macOS
+        return os.cpu_count() or 1
     return len(os.sched_getaffinity(0))
 
 

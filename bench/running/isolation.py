@@ -11,6 +11,7 @@ import atexit
 import os
 import pickle
 import signal
+import sys
 import time
 from collections import deque
 from collections.abc import Callable, Generator, Iterable, Iterator, Mapping
@@ -159,6 +160,11 @@ class TaskPool(Generic[Task, Result]):
         tasks_per_worker: int = TASKS_PER_WORKER,
         company: Callable[[Task], str] = lambda task: "",
     ) -> None:
+        if sys.platform != "linux":
+            raise BadInput(
+                f"worker processes need Linux, and this is {sys.platform}; use WSL 2 or Docker, or "
+                "draw within a process by bench.draw_cloud (docs/platforms.md)"
+            )
         # Only the watch on memory and the sending are other threads: tasks are handed out, and
         # workers stopped when their time is over, within `submit` and `wait_any`.
         self._work, self._size, self._limits = work, workers, limits

@@ -85,7 +85,7 @@ def test_what_cannot_be_drawn(points, call, message):
 def test_the_examples_of_the_page(tmp_path, points):
     save_ply(points.astype(np.float32), tmp_path / "cloud.ply")
     blocks = re.findall(r"```python\n(.*?)```", PAGE.read_text(), re.DOTALL)
-    assert len(blocks) == 5
+    assert len(blocks) == 6
     script = tmp_path / "example.py"
     script.write_text("\n".join(blocks) + "\nassert other.shape == image.shape\n")
     done = subprocess.run(
@@ -93,8 +93,11 @@ def test_the_examples_of_the_page(tmp_path, points):
     )
     assert done.returncode == 0, done.stderr
     expected = bench.draw_cloud(load_points(tmp_path / "cloud.ply"), 30, 20)
+    maps, like_blank, pairs = done.stdout.splitlines()
+    assert maps.startswith("(128, 128) 1.0 [")
     blank = np.full_like(expected, 255)
-    assert float(done.stdout) == pytest.approx(ssim(expected[None], blank[None]).ssim, abs=1e-4)
+    assert float(like_blank) == pytest.approx(ssim(expected, blank).ssim, abs=1e-4)
+    assert pairs == "(36,)"
     with Image.open(tmp_path / "chair.png") as image:
         # Another process may have another number of threads: a grey level by rounding.
         np.testing.assert_allclose(np.asarray(image).astype(int), expected, rtol=0, atol=1)

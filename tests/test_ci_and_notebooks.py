@@ -1,0 +1,101 @@
+"""Pages whose commands and blocks run beside a small run: CI, notebooks, the Dockerfile."""
+
+from __future__ import annotations
+
+import re
+import shlex
+import shutil
+import subprocess
+from pathlib import Path
+from xml.etree import ElementTree
+
+import numpy as np
+import pytest
+import yaml
+from PIL import Image
+from typer.testing import CliRunner
+
+from bench.cli import app
+from data_prep.datasets.registry import open_dataset
+from data_prep.rendering.opengl import DEBIAN_PACKAGES
+
+ROOT = Path(__file__).parents[1]
+BLOCK = re.compile(r"^```(\w*)\n(.*?)^```", re.MULTILINE | re.DOTALL)
+
+
+def blocks(page, language):
+    text = (ROOT / "docs" / page).read_text(encoding="utf-8")
+    return [block for kind, block in BLOCK.findall(text) if kind == language]
+
+
+def execute(lines):
+    """Run the lines that are `bench` commands, and write what they print where they say."""
+    for line in lines:
+        if line.startswith("bench "):
+            command, _, printed = line.partition(" > ")
+            done = CliRunner().invoke(app, shlex.split(command)[1:])
+            assert done.exit_code == 0, done.output
+            Path(printed or "printed").write_text(done.stdout)
+
+
+@pytest.fixture(scope="module")
+def folder(tmp_path_factory):
+    """A folder with a cloud, two meshes, and the run and the golden values of docs/in-ci.md."""
+    folder = tmp_path_factory.mktemp("ci")
+    (folder / "meshes").mkdir()
+    shutil.copy(ROOT / "examples" / "chair.ply", folder / "cloud.ply")
+    for i, chair in enumerate(open_dataset("procedural").objects("chair", 2, 2)):
+        mesh = chair.load()
+        corners = "".join("v {} {} {}\n".format(*vertex) for vertex in mesh.vertices)
+        faces = "".join("f {} {} {}\n".format(*face) for face in mesh.faces + 1)
+        (folder / "meshes" / f"{i}.obj").write_text(corners + faces)
+    with pytest.MonkeyPatch.context() as patch:
+        patch.chdir(folder)
+        execute(blocks("in-ci.md", "")[0].splitlines())
+    return folder
+
+
+@pytest.mark.slow
+def test_the_golden_values_of_the_page_are_kept_by_both_jobs(folder, monkeypatch):
+    monkeypatch.chdir(folder)
+    github, gitlab = map(yaml.safe_load, blocks("in-ci.md", "yaml"))
+    steps = [step["run"] for step in github["jobs"]["bench"]["steps"] if "run" in step]
+    for before, lines in (
+        (steps, steps),
+        (gitlab["bench"]["before_script"], gitlab["bench"]["script"]),
+    ):
+        assert before[0].endswith(f"install -qq -y {' '.join(DEBIAN_PACKAGES)}")
+        execute(lines)
+        assert ElementTree.parse("check.xml").getroot().get("failures") == "0"
+        Path("check.xml").unlink()
+
+
+@pytest.mark.slow
+def test_the_blocks_for_notebooks(folder, monkeypatch):
+    monkeypatch.chdir(folder)
+    names = {}
+    exec("\n".join(blocks("notebooks.md", "python")), names)
+    assert names["image"].shape == (256, 256, 3)
+    assert {"splat", "surface-fit"} < {*names["table"]["method"]}
+    with Image.open("turn.gif") as turn:
+        assert turn.n_frames == 24
+        assert (np.asarray(turn.convert("RGB")) < 255).any()
+
+
+def test_the_dockerfile_installs_the_libraries_that_rendering_needs():
+    text = (ROOT / "Dockerfile").read_text()
+    (listed,) = re.findall(r"--no-install-recommends \\\n\s+(.*?) \\\n", text)
+    assert listed.split() == [*DEBIAN_PACKAGES]
+    left_out = (ROOT / ".dockerignore").read_text().split()
+    assert not {"bench", "results", "constraints.txt", "README.md"} & {*left_out}
+
+
+@pytest.mark.slow
+def test_the_image_draws_a_cloud(folder):
+    if not shutil.which("docker") or subprocess.run(["docker", "info"], check=False).returncode:
+        pytest.skip("no docker that runs here")
+    subprocess.run(["docker", "build", "-t", "pc2pix-bench-test", ROOT], check=True)
+    draw = ("render", "cloud.ply", "--method", "surface-fit", "-o", "drawn.png")
+    docker = ("docker", "run", "--rm", "-v", f"{folder}:/work", "pc2pix-bench-test")
+    subprocess.run([*docker, *draw], check=True)
+    assert (np.asarray(Image.open(folder / "drawn.png")) < 255).any()
