@@ -68,6 +68,7 @@ version:
 	sed -i 's/^version = .*/version = "$(VERSION)"/' pyproject.toml
 	sed -i -E 's/^( *version:) .*/\1 $(VERSION)/; s/^(date-released:) .*/\1 $(DATE)/' CITATION.cff
 	sed -i -E 's/^(  year:) .*/\1 $(firstword $(subst -, ,$(DATE)))/' CITATION.cff
+	sed -i -E '/^@misc/,/^}/ { s/(Version )[^}]*/\1$(VERSION)/; s/^(  year = ).*/\1{$(firstword $(subst -, ,$(DATE)))},/ }' README.md
 	sed -i -E 's/^## \[$(VERSION)\] - .*/## [$(VERSION)] - $(DATE)/' CHANGELOG.md
 
 clean:

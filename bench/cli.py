@@ -40,6 +40,7 @@ COMMANDS = {  # name: module and name in it, first line of its help
     "new": ("new:new", "Write a package to start from: a method, metric or dataset."),
     "test": ("contract:test", "Test a method, metric, dataset or condition of your own."),
     "add": ("contract:add", "Add a method to a finished run; compare it with the best there."),
+    "cite": ("cite:cite", "Print BibTeX of this program and of the paper."),
     "doctor": ("doctor:doctor", "Check that everything that a run needs is installed."),
 }
 PACKAGE = "pc2pix-bench"

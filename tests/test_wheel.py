@@ -12,7 +12,7 @@ import pytest
 
 ROOT = Path(__file__).parents[1]
 DATA = {
-    *(".csv", ".json", ".png", ".safetensors", ".md", ".txt"),
+    *(".csv", ".json", ".png", ".safetensors", ".md", ".txt", ".cff"),
     *(".css", ".jinja", ".js", ".vert", ".frag"),
 }
 NOT_INSTALLED = ("docs", "results/docs", "tests", "studies", "examples")

@@ -114,14 +114,15 @@ class Format(StrEnum):
     md = "md"
     csv = "csv"
     json = "json"
+    latex = "latex"
 
 
 FormatOption = Annotated[
     Format | None,
     typer.Option(
         "--format",
-        help="Print all tables, for people (md) or for scripts (csv, json). Default: the headline "
-        "table alone.",
+        help="Print all tables, for people (md), scripts (csv, json) or papers (latex). Default: "
+        "the headline table alone.",
     ),
 ]
 DEVICE = "Where networks run; auto: on a GPU if there is one."

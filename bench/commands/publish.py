@@ -31,6 +31,7 @@ from bench.running.merge import Merged, merge
 from bench.running.options import Options, device_of
 from bench.running.run import RunResult, run
 from bench.tables.build import Outputs, paper_values, write_outputs
+from bench.tables.latex import PREAMBLE
 from bench.tables.markdown import visible
 from bench.tables.table import TABLES, Table
 from data_prep.failures import BadInput
@@ -92,7 +93,8 @@ def print_outputs(outputs: Outputs, format_: Format | None) -> None:
         tables = (table.to_markdown() for table in outputs.tables)
         print("\n".join([*tables, outputs.cost, *(t.to_markdown() for t in outputs.further)]))
     else:
-        print(in_format([*outputs.tables, *outputs.further], format_), end="")
+        first = [outputs.headline] * (format_ is Format.latex)
+        print(in_format([*first, *outputs.tables, *outputs.further], format_), end="")
 
 
 def in_format(tables: Sequence[Table], format_: Format) -> str:
@@ -109,6 +111,8 @@ def in_format(tables: Sequence[Table], format_: Format) -> str:
 def _in_format(tables: Sequence[Table], format_: Format) -> str:
     if format_ is Format.md:
         return "\n".join(table.to_markdown() for table in tables)
+    if format_ is Format.latex:
+        return "\n".join([PREAMBLE, *(table.to_latex() for table in tables)])
     if format_ is Format.json:
         listed = [
             {"name": table.name, "title": table.title, "rows": table.to_rows()} for table in tables

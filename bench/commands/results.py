@@ -104,6 +104,7 @@ class _ComparisonFormat(StrEnum):
     md = "md"
     csv = "csv"
     json = "json"
+    latex = "latex"
 
 
 class _Failing(StrEnum):
@@ -138,8 +139,8 @@ def compare(
         _ComparisonFormat | None,
         typer.Option(
             "--format",
-            help="Print who is ahead (text), values with intervals (md), or all columns (csv, "
-            "json). Default: text on a terminal, else md.",
+            help="Print who is ahead (text), values with intervals (md, latex), or all columns "
+            "(csv, json). Default: text on a terminal, else md.",
         ),
     ] = None,
     fail_on: Annotated[

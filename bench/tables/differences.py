@@ -72,6 +72,8 @@ def _layout(remarks: Sequence[str], cells: pd.DataFrame) -> Iterator[Block]:
             *(of_grid, "method_b", "condition", difference_cell),
             corner="method",
             line_name=_methods,
+            caption=f"{metric}, {class_name} ({better} is better)",
+            interval="the interval of the difference",
         )
 
 

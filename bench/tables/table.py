@@ -1,7 +1,7 @@
 """Tables: tidy rows for scripts, and grids of cells for people.
 
-A `Table` is written as CSV, as Markdown (`bench.tables.markdown`) and as HTML (its grids, by the
-template of the report). All three are pure functions of it.
+A `Table` is written as CSV, as Markdown (`bench.tables.markdown`), as LaTeX (`bench.tables.latex`)
+and as HTML (its grids, by the template of the report). All four are pure functions of it.
 """
 
 from __future__ import annotations
@@ -17,7 +17,7 @@ import pandas as pd
 
 from bench.catalogue.suites import TRUTHS, Suite
 from bench.records.run_folder import COLOURED, TRUTH
-from bench.tables import markdown
+from bench.tables import latex, markdown
 from bench.tables.grid import Block, Grid, records
 from data_prep.files.atomic_write import write_whole
 from data_prep.progress import log
@@ -75,6 +75,10 @@ class Table:
     def to_markdown(self) -> str:
         """Return the title and what people see."""
         return markdown.document([f"# {self.title}", *self._blocks()])
+
+    def to_latex(self) -> str:
+        """Return the grids of the report as tables of LaTeX, for below `latex.PREAMBLE`."""
+        return latex.document(self.name, self.title, self._blocks())
 
     def grids(self) -> tuple[Grid, ...]:
         """Return the grids that the report shows."""

@@ -78,8 +78,8 @@ CASES: dict[str, str] = {
     "train gan --steps x": "see 'bench train gan --help'",
     # --- names that there are not
     "rnder": "unknown command 'rnder': did you mean 'render'? there are run, merge, list, table, "
-    "check and 11 more; see 'bench --help'",
-    "xyz": "unknown command 'xyz': there are run, merge, list, table, check and 11 more; ",
+    "check and 12 more; see 'bench --help'",
+    "xyz": "unknown command 'xyz': there are run, merge, list, table, check and 12 more; ",
     "train gann": "unknown command 'gann': did you mean 'gan'? there are autoencoder, ",
     "list metrcs": "unknown section 'metrcs': did you mean 'metrics'? there are suites, methods, "
     "variants, conditions, metrics and 1 more; see 'bench list --help'",

@@ -1,0 +1,48 @@
+"""`bench cite`: BibTeX of this program and of the paper, from `CITATION.cff`."""
+
+from __future__ import annotations
+
+import re
+from pathlib import Path
+
+from data_prep.files.safe_read import read_text
+
+_SOURCE = Path(__file__).parents[1] / "CITATION.cff"  # a link to that of the repository
+_MOST_BYTES = 2**16
+
+
+def cite() -> None:
+    """Print BibTeX of this program and of the paper that it re-implements."""
+    print(bibtex(read_text(_SOURCE, _MOST_BYTES)), end="")
+
+
+def bibtex(citation: str) -> str:
+    """Return the BibTeX of the text of this project's CITATION.cff: the program, then the paper."""
+    _, program, paper = re.split("^(?:preferred-citation|references):$", citation, flags=re.M)
+    first, last = _value(paper, "given-names"), _value(paper, "family-names")
+    of_program = {
+        "author": f"{{{_value(program, 'name')}}}",  # in braces, as it is no person's
+        "title": f"{{{_value(program, 'title')}}}",  # capitals stay so
+        "year": _value(program, "year"),
+        "note": f"Version {_value(program, 'version')}",
+    }
+    of_paper = {
+        "author": f"{last}, {first}",
+        "title": f"{{{_value(paper, 'title')}}}",
+        "booktitle": _value(paper, "collection-title"),
+        "year": _value(paper, "year"),
+    }
+    return (
+        f"@misc{{pc2pix-bench,\n{_fields(of_program)}}}\n\n"
+        f"@inproceedings{{{last.lower()}-pc2pix,\n{_fields(of_paper)}}}\n"
+    )
+
+
+def _fields(values: dict[str, str]) -> str:
+    return "".join(f"  {name} = {{{text}}},\n" for name, text in values.items())
+
+
+def _value(section: str, name: str) -> str:
+    """Return a value of a part of the file, which a test compares with what YAML reads there."""
+    (text,) = re.findall(rf"^[ -]*\b{name}: *(?:>-\n *)?(.*)$", section, flags=re.M)
+    return text.strip('"')
