@@ -260,6 +260,8 @@ class TaskPool(Generic[Task, Result]):
                 limit = f"no result within {self._limits.time_s:g} s"
                 late = limit if worker.ready else f"not ready within {START_S:g} s"
                 self._lose(worker, WorkerFailure("timeout", late))
+        except BadInput:  # a ValueError, which `_lose` raises
+            raise
         except (EOFError, OSError):
             self._lose(worker, self._exit_reason(process))
         except (pickle.UnpicklingError, ValueError, TypeError):  # a task wrote there itself
