@@ -148,14 +148,9 @@ def _own_protocol(manifest: Mapping[str, Any]) -> dict[str, Any]:
 
     A folder may lie elsewhere and hold fewer objects; where one has changed, `blank` differs.
     """
-    return {
-        "suite": manifest["suite"],
-        "truth": manifest.get(TRUTH, COLOURED),
-        "protocol": manifest["protocol"],
-        "dataset": str(manifest["dataset"]).partition(":")[0],
-        "views": manifest["views"],
-        "seed": manifest["seed"],
-    }
+    common = {"suite": manifest["suite"], "truth": manifest.get(TRUTH, COLOURED)}
+    common |= _protocol(manifest) | {"dataset": str(manifest["dataset"]).partition(":")[0]}
+    return {name: value for name, value in common.items() if name != "objects"}
 
 
 def _check_values(directory: Path, manifest: dict[str, Any], widths: Widths) -> CheckResult:
@@ -291,7 +286,7 @@ def _command(manifest: Mapping[str, Any]) -> str:
     return f"bench run --suite {manifest['suite']}" + f" --truth {truth}" * (truth != COLOURED)
 
 
-def _protocol(manifest: dict[str, Any]) -> dict[str, Any]:
+def _protocol(manifest: Mapping[str, Any]) -> dict[str, Any]:
     return {
         "protocol": manifest["protocol"],
         "dataset": manifest["dataset"],

@@ -13,7 +13,7 @@ from bench.metrics.multiscale_similarity import ms_ssim
 from bench.metrics.peak_signal_to_noise import psnr
 from bench.metrics.silhouette import Pairs, overlap
 from bench.metrics.structural_similarity import ssim_per_image_and_mask
-from bench.metrics.thin_parts import thin_scores_of
+from bench.metrics.thin_parts import thin_scores
 from bench.metrics.wavelet_similarity import cw_ssim
 
 _Score = Callable[[NDArray[np.uint8], NDArray[np.uint8]], NDArray[np.float64]]
@@ -55,7 +55,7 @@ def scores(truth: NDArray[np.uint8], images: NDArray[np.uint8]) -> dict[str, NDA
     pairs = Pairs(truth, images)
     drawn = pairs.drawn(pairs.shown)
     whole, of_object = ssim_per_image_and_mask(truth, images, pairs.shown | drawn)
-    thin = thin_scores_of(pairs)
+    thin = thin_scores(pairs)
     return whole._asdict() | {
         "psnr": psnr(truth, images),
         "ssim_object": of_object,

@@ -119,17 +119,6 @@ def _require_uint8(images: NDArray[np.uint8]) -> None:
         raise ValueError(f"images must be uint8 (range 0..255), got {shape}")
 
 
-def silhouette_iou(truth: NDArray[np.uint8], images: NDArray[np.uint8]) -> NDArray[np.float64]:
-    """Return the intersection over union of silhouettes [N], 0..1, of images against true ones.
-
-    Both uint8 [N, H, W, 3] on white. 1 for identical images and where neither shows anything: it
-    always has a value. 0 where nothing is drawn of a true image that shows something, and the
-    other way round. An image's value does not depend on its neighbours. Raises as `Pairs`.
-    """
-    pairs = Pairs(truth, images)
-    return overlap(pairs.shown, pairs.drawn(pairs.shown))
-
-
 def overlap(a: Masks, b: Masks) -> NDArray[np.float64]:
     """Return the intersection over union [N] of masks [N, H, W]; 1 where both are empty."""
     both = np.count_nonzero(a & b, axis=(1, 2))

@@ -45,16 +45,8 @@ class _ThinScores(NamedTuple):
     precision: NDArray[np.float64]
 
 
-def thin_scores(truth: NDArray[np.uint8], images: NDArray[np.uint8]) -> _ThinScores:
-    """Return scores of images against the true ones, both uint8 [N, H, W, 3] on white.
-
-    Raises as `bench.metrics.silhouette.Pairs`.
-    """
-    return thin_scores_of(Pairs(truth, images))
-
-
-def thin_scores_of(pairs: Pairs) -> _ThinScores:
-    """Return `thin_scores` of images whose silhouettes are known."""
+def thin_scores(pairs: Pairs) -> _ThinScores:
+    """Return scores of images against the true ones."""
     part = _evaluated(pairs.shown)
     recall = np.full(len(part), np.nan)
     precision = np.full(len(part), np.nan)

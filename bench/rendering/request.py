@@ -5,7 +5,6 @@ from __future__ import annotations
 import itertools
 from collections.abc import Sequence
 from dataclasses import dataclass, field
-from enum import StrEnum
 from pathlib import Path
 from typing import Any, Literal
 
@@ -59,16 +58,6 @@ def _size(text: str) -> int:
     return size
 
 
-class _ImageFormat(StrEnum):
-    """The formats of images and of turntables."""
-
-    png = "png"
-    jpg = "jpg"
-    webp = "webp"
-    gif = "gif"
-    apng = "apng"
-
-
 @dataclass(frozen=True)
 class RenderOptions:
     """The options of `bench render`, each with its help."""
@@ -94,10 +83,9 @@ class RenderOptions:
     )
     azimuth: tuple[float, ...] = _angles(30.0, "Azimuth in degrees; 0 is the front")
     elevation: tuple[float, ...] = _angles(20.0, "Elevation in degrees, -90 to 90; 0 is level")
-    format: str = _option(
+    format: Literal["png", "jpg", "webp", "gif", "apng"] = _option(
         "png",
-        "Format of the images that -o does not name: of those in a folder, or beside the cloud.",
-        kind=_ImageFormat,
+        "Format of the images that -o does not name: of those in a folder, or beside a cloud.",
     )
     frames: int | None = _option(
         None,

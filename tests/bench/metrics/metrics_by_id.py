@@ -16,7 +16,7 @@ from bench.metrics.image_scores import scores
 from bench.metrics.lpips_network import lpips
 from bench.metrics.multiscale_similarity import ms_ssim
 from bench.metrics.peak_signal_to_noise import psnr
-from bench.metrics.silhouette import silhouette_iou
+from bench.metrics.silhouette import Pairs, overlap
 from bench.metrics.structural_similarity import ssim_per_image
 from bench.metrics.thin_parts import thin_scores
 from bench.metrics.wavelet_similarity import cw_ssim
@@ -42,13 +42,18 @@ def distance_of_features(name, truth, images):
     return frechet_distance(extractor(name)(truth), extractor(name)(images))
 
 
+def silhouette_iou(truth, images):
+    pairs = Pairs(truth, images)
+    return overlap(pairs.shown, pairs.drawn(pairs.shown))
+
+
 METRICS = {
     **{name: lambda a, b, name=name: getattr(ssim_per_image(a, b), name) for name in SSIM},
     "psnr": psnr,
     "ssim-object": lambda a, b: scores(a, b)["ssim_object"],
     "silhouette-iou": silhouette_iou,
-    "thin-recall": lambda a, b: thin_scores(a, b).recall,
-    "thin-precision": lambda a, b: thin_scores(a, b).precision,
+    "thin-recall": lambda a, b: thin_scores(Pairs(a, b)).recall,
+    "thin-precision": lambda a, b: thin_scores(Pairs(a, b)).precision,
     "ms-ssim": ms_ssim,
     "cw-ssim": cw_ssim,
     "flip": flip,

@@ -10,7 +10,7 @@ from skimage.metrics import structural_similarity
 
 from bench.metrics.image_scores import scores
 from bench.metrics.peak_signal_to_noise import psnr
-from bench.metrics.silhouette import MOST_ASKED, Pairs, contrast, object_boxes, silhouette_iou
+from bench.metrics.silhouette import MOST_ASKED, Pairs, contrast, object_boxes
 from bench.metrics.structural_similarity import ssim_per_image
 from bench.metrics.thin_parts import evaluated, thin, thin_scores
 from data_prep.rendering.images import blank
@@ -59,7 +59,8 @@ def test_the_overlap_agrees_with_its_definition(level):
     expected = [(shown & drawn).sum() / (shown | drawn).sum() for shown, drawn in masks]
     assert 0 < min(expected) < max(expected) < 1
     truth.flags.writeable = drawing.flags.writeable = False
-    np.testing.assert_allclose(silhouette_iou(truth, drawing), expected, rtol=1e-15)
+    actual = scores(truth, drawing)["silhouette_iou"]
+    np.testing.assert_allclose(actual, expected, rtol=1e-15)
 
 
 def test_an_empty_part_asks_for_half_of_the_neutral_grey():
@@ -134,9 +135,8 @@ def test_scores_are_by_their_definitions_and_those_of_each_metric_by_itself():
     np.testing.assert_allclose(actual["ssim_object"], expected, rtol=0, atol=TOLERANCE)
     alone = ssim_per_image(truth, drawing)._asdict()
     alone |= {"psnr": psnr(truth, drawing)}
-    alone |= {"silhouette_iou": silhouette_iou(truth, drawing)}
-    alone |= {f"thin_{k}": v for k, v in thin_scores(truth, drawing)._asdict().items()}
-    assert actual.keys() == {*alone, "ssim_object"}
+    alone |= {f"thin_{k}": v for k, v in thin_scores(Pairs(truth, drawing))._asdict().items()}
+    assert actual.keys() == {*alone, "silhouette_iou", "ssim_object"}
     for name, values in alone.items():
         np.testing.assert_array_equal(actual[name], values)
     for i in range(len(truth)):
@@ -162,7 +162,7 @@ def test_white_around_the_object_does_not_count(drawing):
 
 def score(truth, drawn):
     """(recall, precision) of one image."""
-    recall, precision = thin_scores(truth[None], drawn[None])
+    recall, precision = thin_scores(Pairs(truth[None], drawn[None]))
     return recall[0], precision[0]
 
 
