@@ -62,9 +62,11 @@ def test_the_walk_of_the_page_ends_with_a_verdict(tmp_path, monkeypatch):
     lines = printed["add"].splitlines()
     assert lines[0] == "0 block a run, 0 warnings"
     assert any(line.startswith("my_method:METHOD  ") for line in lines)  # its values
+    places = [line.split()[0] for line in lines if line.endswith(" of 4")]
+    assert places == ["ssim-object", "lpips"]
     titles = [line for line in lines if " against " in line and "scored" not in line]
     assert titles[1:] == [
-        f"my-method against {baseline} on 2 objects (chair), paired"
+        f"my_method:METHOD against {baseline} on 2 objects (chair), paired"
         for baseline in ("splat-net", "best-reconstruction")
     ]
     assert "the best there by ssim-object and lpips: splat-net" in lines

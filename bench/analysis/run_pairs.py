@@ -63,31 +63,61 @@ def methods_of_run(
     return _two_methods(run, methods, metrics)
 
 
-def against_best(
-    directory: Path, method: str, added: Sequence[str]
-) -> list[tuple[tuple[str, ...], Differences]]:
-    """Return a method against the best of a run, which are not `added`, by each headline metric.
+@dataclass(frozen=True, eq=False)
+class Standing:
+    """The standing of a method among those of its run, in the cells under some conditions.
 
-    The best has the best mean over all cells. Beside each comparison stand the metrics that it is
-    the best by; none for `best-reconstruction`, which comes last. Where nothing competes, `blank`
-    is the best there. Raises BadInput for a run without scores.
+    conditions  those at which it has images, in the order of the run
+    images      by condition how many images it has, and should have
+    places      by headline metric its place in the mean over the cells, and among how many methods
+    against     its differences from the best of the others by each metric, with the metrics that it
+                is the best by; none for `best-reconstruction`, which comes last
     """
-    run = read_run(directory)
-    rivals = candidates(m for m in run.manifest["methods"] if m not in added) or [FLOOR]
+
+    conditions: tuple[str, ...]
+    images: Mapping[str, tuple[int, int]]
+    places: Mapping[str, tuple[int, int]]
+    against: Sequence[tuple[tuple[str, ...], Differences]]
+
+
+def standing(run: Run, method: str, added: Sequence[str]) -> Standing:
+    """Return the standing of a method among the methods of a run; the best are none of `added`.
+
+    Where nothing competes, `blank` is the best. Raises BadInput for a run without scores.
+    """
     metrics = _metrics([run], None, [])
-    by = ["metric", "method", "images_of"]
-    values = run.compared(metrics, rivals).groupby(by, sort=False)["value"]
+    compared = run.compared(metrics, {*candidates(run.manifest["methods"]), FLOOR, method})
+    drawn = compared[(compared["method"] == method) & (compared["metric"] == metrics[0])]
+    sums = drawn.groupby("condition", sort=False)[["n_ok", "n"]].sum()
+    images = {str(name): (int(row["n_ok"]), int(row["n"])) for name, row in sums.iterrows()}
+    conditions = tuple(name for name, (count, _) in images.items() if count)
+    among = compared[compared["condition"].isin(conditions)]
+    values = among.groupby(["metric", "method", "images_of"], sort=False)["value"]
     means = values.agg(lambda of_cells: of_cells.mean(skipna=False)).reset_index()
+    places: dict[str, tuple[int, int]] = {}
     best_by: dict[str, tuple[str, ...]] = {}
-    for metric in metrics:
-        best = next(iter(best_first(means[means["metric"] == metric])["method"]), rivals[0])
+    for metric in metrics if conditions else ():
+        of_metric = means[means["metric"] == metric]
+        ranked = best_first(of_metric[of_metric["method"].isin([*candidates(means["method"])])])
+        before = dict(zip(ranked["method"], ranked["before"], strict=True))
+        if method in before:
+            places[metric] = before[method] + 1, len(before)
+        best = next((name for name in before if name not in added), FLOOR)
         best_by[best] = (*best_by.get(best, ()), metric)
-    if BEST_RECONSTRUCTION in _chosen_rows(run):
+    if BEST_RECONSTRUCTION in _chosen_rows(run) and conditions:
         best_by[BEST_RECONSTRUCTION] = ()
-    return [(by, _two_methods(run, (best, method), None)) for best, by in best_by.items()]
+    against = [
+        (by, _two_methods(run, (best, method), None, conditions)) for best, by in best_by.items()
+    ]
+    return Standing(conditions, images, places, against)
 
 
-def _two_methods(run: Run, methods: Sequence[str], metrics: Sequence[str] | None) -> Differences:
+def _two_methods(
+    run: Run,
+    methods: Sequence[str],
+    metrics: Sequence[str] | None,
+    conditions: Sequence[str] | None = None,
+) -> Differences:
     chosen_rows = _chosen_rows(run)
     available = [*run.manifest["methods"], *chosen_rows]
     _refuse_unknown("--methods", methods, available)
@@ -96,6 +126,8 @@ def _two_methods(run: Run, methods: Sequence[str], metrics: Sequence[str] | None
     a, b = methods
     folder = str(run.directory)
     compared = _compare(run, methods, chosen)
+    if conditions is not None:
+        compared = compared[compared["condition"].isin(conditions)]
     together = pooled(compared)
     parts = [compared] if together.empty else [compared, together]
     cells = pd.concat([two_methods(part.assign(run=folder), chosen, a, b) for part in parts])

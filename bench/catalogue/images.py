@@ -239,14 +239,14 @@ class ImageTree:
         """
         if export is None:
             raise BadInput(
-                f"{self.address}: has images of an export, and {dataset} is none; score them by "
-                "'bench run --dataset exported:PATH' of the export that they were drawn from"
+                f"{self.address}: has images of an export, and {dataset} is none; give --dataset "
+                "exported:PATH, the export that they were drawn from"
             )
         if export != self.claims.export:
             raise BadInput(
                 f"{self.root / CLAIMS}: export {self.claims.export[:12]}... is not that of "
-                f"{dataset} ({export[:12]}...): the images are of other clouds or views; draw "
-                "those of this export"
+                f"{dataset} ({export[:12]}...): {self._difference(objects)}; draw those of this "
+                "export"
             )
         count = 0
         for obj in objects:
@@ -259,6 +259,22 @@ class ImageTree:
                 f"{self.root}: no image for this run: nothing at CONDITION/CLASS/OBJECT/VIEW.png "
                 f"under {', '.join(conditions)}; write them there, as docs/entering.md shows"
             )
+
+    def _difference(self, objects: Iterable[ExportedObject]) -> str:
+        """Say how the clouds that were drawn differ from those of an export."""
+        views = {f"{obj.class_name}/{obj.object_id}": len(obj.images) for obj in objects}
+        drawn = {
+            f"{class_name.name}/{obj.name}": len(list(obj.glob("*.png")))
+            for condition in folders_in(self.root)
+            for class_name in folders_in(condition)
+            for obj in folders_in(class_name)
+        }
+        for name in sorted(drawn.keys() - views.keys()):
+            return f"the images are of other objects ({shown(name)} is none of the run)"
+        for name, count in drawn.items():
+            if count > views[name]:
+                return f"{shown(name)} has {count} images, and {views[name]} views in the run"
+        return "the images are of other clouds or views, of another --seed perhaps"
 
     def unused(self, objects: Iterable[SceneObject], conditions: Collection[str]) -> str:
         """Return a line about folders and arrays that a run with these objects does not read.

@@ -218,13 +218,6 @@ def module_method(name: str) -> Method:
     )
 
 
-def stated_id(name: str) -> str:
-    """Return the id that a Method of a module states; other names, and classes, as they are."""
-    module, _, path = name.partition(":")
-    target = load_object(module, path) if name in _allowed() else None
-    return target.id if isinstance(target, Method) else name
-
-
 @cache  # as of the module that this process has loaded
 def source_sha256(module: str) -> str:
     """Return the checksum of the source of a module and of what it imports from its folder."""

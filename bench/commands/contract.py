@@ -3,24 +3,34 @@
 from __future__ import annotations
 
 import sys
-from collections.abc import Iterable, Iterator, Sequence
+from collections.abc import Iterable, Sequence
 from dataclasses import replace
 from pathlib import Path
 from typing import Annotated
 
 import typer
 
+from bench.catalogue.images import ENTERED
 from bench.catalogue.lookup import family_of, variant_of
-from bench.catalogue.method import allow_modules, is_module_name, search_folder, stated_id
+from bench.catalogue.method import allow_modules, is_module_name, search_folder
 from bench.catalogue.methods import find_run_method
 from bench.checking.contract.findings import Finding, is_blocked, summary
 from bench.commands.config import JOB_SUITES, repeated_request
-from bench.commands.options import RunDirectory, WorkersOption, names, worker_count
+from bench.commands.options import (
+    RunDirectory,
+    WorkersOption,
+    names,
+    path_option,
+    worker_count,
+)
 from bench.records.run_folder import MANIFEST, read_finished
-from bench.running.options import Options, read_shard
+from bench.running.options import Options, default_name, read_shard
 from bench.tables.markdown import visible
+from data_prep.datasets.exported import ExportedObject
+from data_prep.datasets.registry import is_dataset, open_dataset
 from data_prep.failures import BadInput
 from data_prep.plugins import announced
+from data_prep.progress import log
 
 
 def test(
@@ -40,7 +50,6 @@ def test(
     Exit 0 if it keeps the contract, 1 if something blocks a run or falsifies its results.
     """
     from bench.checking.contract.plugin import plugin_findings
-    from data_prep.datasets.registry import is_dataset
 
     if ":" in family_of(name) and not is_dataset(name):  # MODULE:NAME
         search_folder()
@@ -55,7 +64,6 @@ def _next_command(name: str) -> str:
     """Return the command that uses a plug-in which has passed its test."""
     from bench.checking.contract.targets import DatasetSource, Method, find_target
     from data_prep.clouds.conditions import Condition
-    from data_prep.datasets.registry import is_dataset
 
     target = find_target(name)
     if isinstance(target, Method):
@@ -85,7 +93,8 @@ def add(
         typer.Argument(
             metavar="METHOD",
             help="A method, or several, comma-separated: as --methods of 'bench run' takes them; "
-            "MODULE:NAME of a module in the current folder, too, which alone executes files of it.",
+            "MODULE:NAME of a module in the current folder, too, which alone executes files of it; "
+            "images:TREE of one that drew an export elsewhere, see docs/entering.md.",
         ),
     ],
     directory: RunDirectory,
@@ -98,10 +107,27 @@ def add(
             "seconds a cloud does not pass.",
         ),
     ] = True,
+    dataset: Annotated[
+        str | None,
+        typer.Option(
+            help="Objects of your own, as --dataset of 'bench run': the methods of the run are "
+            "measured there with yours, alike but for the objects, as a run beside DIR. Default: "
+            "the objects of the run.",
+        ),
+    ] = None,
+    limit: Annotated[
+        int | None,
+        typer.Option(help="Objects of each class of --dataset at most. Default: as in the run."),
+    ] = None,
+    out: Annotated[
+        Path | None,
+        path_option("The folder of the run on --dataset. Default: DIR-DATASET, beside DIR."),
+    ] = None,
 ) -> None:
-    """Add a method to a finished run: test it, draw what the run drew, compare it with the best.
+    """Add a method to a finished run: test it, draw what the run drew, and say where it stands.
 
-    The best of the other methods by each metric of the headline table, and best-reconstruction.
+    Its values, its place, and how it compares, object by object, with the best of the other methods
+    by each metric of the headline table, and with best-reconstruction.
 
     Only its jobs are done. Exit 1 if the test finds what blocks a run, or if all its images fail.
     """
@@ -109,9 +135,16 @@ def add(
     from bench.commands.run import leave, print_ending
     from bench.commands.terminal import shown
     from bench.report.build import REPORT
+    from bench.tables.standing import standing_lines
+    from bench.tables.terminal import terminal_width
 
-    options = options_of(directory, names(methods) or (), worker_count(workers))
-    asked = options.methods or ()
+    asked = names(methods) or ()
+    options = options_of(directory, asked, worker_count(workers))
+    if dataset is not None:
+        options = on_dataset(options, dataset, limit, out)
+    elif limit is not None or out is not None:
+        name = "--out" if limit is None else "--limit"
+        raise BadInput(f"{name}: the objects are those of {directory}; give --dataset with it")
     allow_modules(asked)
     for name in asked:
         if test and is_own(name):
@@ -119,9 +152,11 @@ def add(
     finished = run_suite(options)
     ids = [find_run_method(name).id for name in asked]
     if finished.outputs is not None:
-        for line in (*shown(finished.outputs.headline), *_verdict_lines(directory, ids)):
-            print(line)
-        print(f"report: {directory / REPORT}")
+        run, headline = finished.outputs.run, finished.outputs.headline
+        print("\n".join(shown(headline)))
+        for name in ids:
+            print("\n".join(standing_lines(run, headline, name, ids, terminal_width())))
+        print(f"\nreport: {finished.directory / REPORT}")
     new = tuple(name for name in finished.hopeless if name in ids)  # others were so before
     finished = replace(finished, hopeless=new)
     print_ending(finished)
@@ -148,6 +183,35 @@ def options_of(directory: Path, methods: Sequence[str], workers: int | None) -> 
     return Options(**{**values, **asked, "same_objects": True})
 
 
+def on_dataset(options: Options, dataset: str, limit: int | None, out: Path | None) -> Options:
+    """Return the options of `bench add` for a run on another dataset, alike but for the objects.
+
+    Its methods are those of the run and the new ones. Methods of the run that cannot draw there are
+    left out, as a line on stderr says. Raises BadInput for an unknown dataset.
+    """
+    opened = open_dataset(dataset)
+    before, asked = read_finished(options.directory), options.methods or ()
+    bound = {*before.get(ENTERED, ()), *filter(is_module_name, before["methods"])}
+    kept = [m for m in before["methods"] if m not in bound]
+    if left_out := [m for m in before["methods"] if m not in kept and m not in asked]:
+        why = "images of other clouds, or of a module that this command does not name"
+        log(f"{', '.join(left_out)}: left out on {dataset}: {why}")
+    exported = (obj for obj in opened.finite or () if isinstance(obj, ExportedObject))
+    views = (options.views, *(len(obj.exported_views) for obj in exported))
+    directory = options.directory.resolve()
+    return replace(
+        options,
+        dataset=dataset,
+        methods=tuple(dict.fromkeys((*kept, *asked))),
+        limit=options.limit if limit is None else limit,
+        views=min(filter(None, views)),
+        seed=options.seed if opened.seed is None else None,
+        shard=None,
+        out=out or options.directory.parent / default_name(directory.name, dataset),
+        same_objects=False,
+    )
+
+
 def is_own(name: str) -> bool:
     """Return whether a method, or its weights, are of the user and not of this project."""
     is_file = variant_of(name).endswith(".safetensors")
@@ -164,24 +228,3 @@ def _pass_test(name: str) -> None:
         print(summary(findings, "mend what FAIL says, then add it again"))
         raise typer.Exit(1)
     print(summary(findings))
-
-
-def _verdict_lines(directory: Path, methods: Sequence[str]) -> Iterator[str]:
-    """Yield the lines of each method against the best of a run, paired object by object."""
-    from bench.analysis.run_pairs import against_best
-    from bench.tables.differences import comparison_lines
-    from bench.tables.terminal import terminal_width
-
-    for method in methods:
-        name = stated_id(method)
-        if name != method:
-            yield f"{name}: {method} in the tables"
-        for metrics, differences in against_best(directory, method, methods):
-            yield ""
-            if metrics:
-                yield f"the best there by {' and '.join(metrics)}: {visible(differences.a)}"
-            named = replace(differences, b=name)
-            yield from comparison_lines(named, terminal_width(), hint="")
-            command = f"bench compare {directory} --methods {differences.a},{method} --format md"
-            yield f"intervals: {command}"
-    yield ""

@@ -94,7 +94,7 @@ class Options:
     def directory(self) -> Path:
         """Return the run's folder."""
         truth = None if self.truth == COLOURED else self.truth
-        return self.out or RUNS / _default_name(self.suite, self.dataset, self.shard, truth)
+        return self.out or RUNS / default_name(self.suite, self.dataset, self.shard, truth)
 
 
 def refuse(suite: str, options: Iterable[tuple[str, object, str]]) -> None:
@@ -156,10 +156,10 @@ def workers_of(suite: Suite, options: Options) -> int:
     return options.workers or cores()
 
 
-def _default_name(
+def default_name(
     suite: str, dataset: str, shard: Shard | None = None, truth: Truth | None = None
 ) -> str:
-    """Return the name of a run's folder."""
+    """Return the name of the folder of a run of a suite, or of the run `suite`, on a dataset."""
     kind, _, location = dataset.partition(":")
     parts = [suite, kind, Path(location).resolve().name] if location else [suite, kind]
     if truth is not None:

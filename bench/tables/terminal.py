@@ -120,13 +120,13 @@ def grid_lines(grids: Sequence[Grid], width: int, lines: int) -> list[str]:
 def _tables(grid: Grid, intervals: bool, width: int) -> list[Table]:
     heads = ["", *map(visible, grid.columns)]
     lines = [
-        [visible(line.name), *(_value(cell, intervals) for cell in line.cells)]
+        [visible(line.name), *(value_text(cell, intervals) for cell in line.cells)]
         for line in grid.lines
     ]
     return in_parts(heads, lines, width)
 
 
-def _value(cell: Cell, interval: bool) -> str:
+def value_text(cell: Cell, interval: bool) -> str:
     """Return the value, and the ends of its interval without their zeros before the point."""
     text = "*" * (cell.special is BEST) + visible(cell.text)
     if not interval or cell.value is None or cell.interval is None:

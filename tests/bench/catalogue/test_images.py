@@ -131,7 +131,7 @@ def test_a_missing_image_is_a_failure_with_its_place(tree):
 @pytest.mark.parametrize(
     ("arguments", "says"),
     [
-        ({"export": None}, "images:TREE: has images of an export, and exported:x is none; score "),
+        ({"export": None}, "images:TREE: has images of an export, and exported:x is none; give "),
         (
             {"export": "f" * 64},
             "TREE/method.toml: export 0123456789ab... is not that of exported:x (ffffffffffff...)",

@@ -8,7 +8,7 @@ from pathlib import Path
 import pytest
 
 from bench.catalogue.method import ALLOWED
-from bench.commands.contract import is_own, options_of
+from bench.commands.contract import is_own, on_dataset, options_of
 from bench.records.run_folder import write_manifest
 
 from ..builders import make_manifest
@@ -60,6 +60,13 @@ def test_the_options_are_those_of_the_run(tmp_path):
     assert (options.truth, options.views, options.limit, options.workers) == ("grey", 3, 2, 2)
     assert options.directory == tmp_path
     assert options.same_objects
+    elsewhere = on_dataset(options, "procedural:validation", None, None)
+    kept = ("splat", "true-mesh", "blank", "mine:METHOD")
+    assert (elsewhere.dataset, elsewhere.methods) == ("procedural:validation", kept)
+    assert (elsewhere.out, elsewhere.same_objects, elsewhere.limit, elsewhere.views) == (
+        *(tmp_path.with_name(f"{tmp_path.name}-procedural-validation"), False, 2, 3),
+    )
+    assert on_dataset(options, "procedural", 9, Path("own")).limit == 9
 
 
 @pytest.mark.slow

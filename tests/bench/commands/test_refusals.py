@@ -197,6 +197,12 @@ CASES: dict[str, str] = {
     "add splat unfinished": "the run is not finished; start it again with its command",
     "add splat of-stability": "a run of the suite stability; use 'bench run --suite stability "
     "--methods splat --out of-stability'",
+    "add splat others --dataset nowhere": "unknown dataset 'nowhere': there are procedural, ",
+    "add splat others --dataset folder:gone": "gone: no such folder; give the fold",
+    "add splat others --limit 3": "--limit: the objects are those of others; give --datase",
+    "add images:gone others": "gone: no such folder; give a tree of images with its method.toml",
+    "add images:thesis others": "thesis/method.toml: no such file",
+    "table run --format tex": "Invalid value for '--format': 'tex' is not one of ",
     "add splat no-request": "manifest.json: not a manifest (request is None, no object)",
     "compare run --methods splat,true-mesh --metric flip": "run: is not scored by flip; run 'bench "
     "score run --metrics flip' first",

@@ -6,6 +6,7 @@ import csv
 import json
 import re
 import shlex
+import shutil
 import subprocess
 import sys
 from dataclasses import replace
@@ -151,16 +152,27 @@ def problem(*methods: str, dataset: str) -> str:
 def test_a_run_that_cannot_use_a_tree_is_refused(no_machine, exported, tree, tmp_path):
     images, dataset = f"images:{tree}", f"exported:{exported}"
     assert problem(images, dataset="procedural").startswith(
-        f"{images}: has images of an export, and procedural is none; score them by 'bench run "
+        f"{images}: has images of an export, and procedural is none; give --dataset exported:PATH, "
     )
     other = draw_tree(exported, tmp_path / "other")
     assert problem(images, f"images:{other}", dataset=dataset) == (
         f"images:{other}: name 'our-splat' is that of {images}, too; give one of them another name"
     )
     foreign = draw_tree(exported, tmp_path / "foreign", "foreign", export="0" * 64)
-    assert "the images are of other clouds or views" in problem(
-        f"images:{foreign}", dataset=dataset
+
+    def differs() -> str:
+        return problem(f"images:{foreign}", dataset=dataset)
+
+    chair = foreign / "2048/chair/test-0000"
+    shutil.rmtree(foreign / "2048/chair/test-0001")
+    shutil.rmtree(foreign / "512")
+    assert (
+        "): the images are of other clouds or views, of another --seed perhaps; draw" in differs()
     )
+    shutil.copy(chair / "00.png", chair / "02.png")
+    assert "'chair/test-0000' has 3 images, and 2 views in the run; draw" in differs()
+    (foreign / "2048/chair/mine").mkdir()
+    assert "of other objects ('chair/mine' is none of the run); draw those of this e" in differs()
 
 
 def test_other_commands_do_not_take_images(command, tree, tmp_path):
@@ -228,6 +240,29 @@ def test_a_run_of_two_trees_has_a_row_of_each(
     status, _, err = command(*run, "--methods", "splat")
     assert status == 2
     assert "its run cannot be kept here: " in err
+
+
+@pytest.mark.slow
+def test_images_of_some_conditions_join_a_run(no_machine, exported, tree, command, monkeypatch):
+    """First the run's methods are measured on the export; then there is nothing left to do."""
+    monkeypatch.chdir(tree.parent)
+    shutil.rmtree(tree / "2048")
+    (tree / "512/chair/test-0000/00.png").unlink()
+    asked = ("--conditions", "2048,512", "--limit", 2, "--views", 3, "--workers", 1)
+    run = ("run", "--suite", "chair-robustness", "--methods", "splat", *asked, "--out", "base")
+    assert command(*run)[0] == 0
+    adding = ("add", f"images:{tree}", "base", "--workers", 1)
+    status, _, err = command(*adding)
+    assert (status, "procedural is none; give --dataset exported:PATH" in err) == (2, True), err
+    status, out, err = command(*adding, "--dataset", f"exported:{exported}")
+    assert (status, "3 failed" in err) == (0, True), err
+    assert "our-splat has 1 of 2 conditions: 512. Places and comparisons here are of " in out
+    assert "our-splat at 512: 2 of 4 images, the others scored as blank." in out
+    assert "the best there by ssim-object and lpips: splat\nour-splat against splat on 2 " in out
+    manifest = json.loads(Path("base-exported-export/manifest.json").read_text())
+    assert (manifest["methods"], manifest["views"]) == (["splat", "blank", "our-splat"], 2)
+    status, again, err = command("add", f"images:{tree}", "base-exported-export")
+    assert (status, "0 jobs done" in err, again) == (0, True, out), err
 
 
 def commands_of_page() -> list[list[str]]:

@@ -8,7 +8,7 @@ from dataclasses import replace
 
 import pytest
 
-from bench.analysis.run_pairs import against_best, methods_of_run
+from bench.analysis.run_pairs import methods_of_run, standing
 from bench.analysis.scored_run import read_run
 from bench.catalogue.chosen import BEST_LEARNED_3D, BEST_RECONSTRUCTION, CHOSEN
 from bench.catalogue.methods import METHODS as CATALOGUE
@@ -122,7 +122,8 @@ def test_an_added_method_is_compared_with_the_best_by_each_metric(directory):
     images = read_records(directory, ["method", "ssim_object", "lpips"]).groupby("method").mean()
     rivals = images.loc[["surface-apss", "denoised-wrap"]]
     best = {"ssim-object": rivals["ssim_object"].idxmax(), "lpips": rivals["lpips"].idxmin()}
-    compared = against_best(directory, "splat", ["splat"])
+    run = read_run(directory)
+    compared = standing(run, "splat", ["splat"]).against
     assert {metric: d.a for by, d in compared for metric in by} == best
     assert compared[-1][1].a == BEST_RECONSTRUCTION
     for _, differences in compared:
@@ -130,4 +131,4 @@ def test_an_added_method_is_compared_with_the_best_by_each_metric(directory):
         assert differences_table(differences).to_csv() == differences_table(pair).to_csv()
         assert {*differences.cells["method_b"]} == {"splat"}
     every = [name for name in METHODS if name != "blank"]
-    assert against_best(directory, "splat", every)[0][1].a == "blank"  # nothing else is there
+    assert standing(run, "splat", every).against[0][1].a == "blank"  # nothing else is there

@@ -1,0 +1,71 @@
+"""What `bench add` says of a method: its values, its places, and whether it is ahead."""
+
+from __future__ import annotations
+
+from collections.abc import Iterator, Sequence
+
+from bench.analysis.run_pairs import Standing, standing
+from bench.analysis.scored_run import Run
+from bench.catalogue.conditions import condition_name
+from bench.tables.differences import comparison_lines
+from bench.tables.grid import scored_as_blank
+from bench.tables.markdown import visible
+from bench.tables.table import Table
+from bench.tables.terminal import in_parts, laid_out, value_text
+
+
+def standing_lines(
+    run: Run, headline: Table, method: str, added: Sequence[str], width: int
+) -> Iterator[str]:
+    """Yield what a run says of a method, in lines of at most `width` columns.
+
+    First its values in the headline table, its place among the methods that compete, and what it
+    lacks; then how it compares with the best that are none of `added`.
+    """
+    stands, name = standing(run, method, added), visible(method)
+    yield ""
+    if not stands.conditions:
+        yield f"{name} has no image: there is nothing to compare."
+        return
+    lines = list(_values(headline, stands, method))
+    heads = [name, *(condition_name(c).brief for c in stands.images), "place"]
+    yield from laid_out([*in_parts(heads, lines, width), *_lacks(stands, name)], width)
+    for metrics, differences in stands.against:
+        yield ""
+        if metrics:
+            yield f"the best there by {' and '.join(metrics)}: {visible(differences.a)}"
+        yield from comparison_lines(differences, width, hint="")
+        pair = f"{differences.a},{method}"
+        yield visible(f"intervals: bench compare {run.directory} --methods {pair} --format md")
+
+
+def _values(headline: Table, stands: Standing, method: str) -> Iterator[list[str]]:
+    """Yield a line for each metric: the values of a method, a dash without images, its place."""
+    for grid in headline.grids():
+        for line in (line for line in grid.lines if line.name == method):
+            cells = dict(zip(grid.columns, line.cells, strict=True))
+            place, among = stands.places.get(grid.metric, (0, 0))
+            yield [
+                grid.metric,
+                *(value_text(cells[c], True) if c in stands.conditions else "-" for c in cells),
+                f"{_ordinal(place)} of {among}" if place else "-",
+            ]
+
+
+def _ordinal(place: int) -> str:
+    teens = place // 10 % 10 == 1
+    return f"{place}{'th' if teens else {1: 'st', 2: 'nd', 3: 'rd'}.get(place % 10, 'th')}"
+
+
+def _lacks(stands: Standing, name: str) -> Iterator[str]:
+    """Yield a line on conditions without an image, and one for each where some are missing."""
+    has, every = stands.conditions, stands.images
+    if len(has) < len(every):
+        yield (
+            f"{name} has {len(has)} of {len(every)} conditions: {', '.join(has)}. Places and "
+            "comparisons here are of these; the tables score blank images at the others."
+        )
+    yield "place: by the mean over these conditions, among the methods that compete"
+    for condition in has:
+        if lacking := scored_as_blank(*every[condition]):
+            yield f"{name} at {condition}: {lacking}."
