@@ -96,6 +96,15 @@ class Method:
     sizes: Sequence[int] = (128,)
     images: ImageTree | None = None
 
+    def __post_init__(self) -> None:
+        sizes = self.sizes
+        whole = isinstance(sizes, Sequence) and all(isinstance(side, int) for side in sizes)
+        if not whole or 128 not in sizes or list(sizes) != sorted({*sizes}) or sizes[0] < 1:
+            raise BadInput(
+                f"method '{self.id}': sizes {sizes!r}; give whole numbers in ascending order, 128 "
+                "among them, such as (128, 512)"
+            )
+
     @property
     def address(self) -> str:
         """Return the text by which a run finds the method: its id, or where its images are."""

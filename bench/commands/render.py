@@ -78,7 +78,9 @@ def render(clouds: Sequence[Path], options: RenderOptions) -> _RenderResult:
     shots = {cloud: files_of_views(image, options.views) for cloud, image in images.items()}
     for image in shots[clouds[0]] if options.out is None else ():
         if image.exists():
-            raise BadInput(f"{image}: exists already; -o {image} replaces it, -o NAME keeps both")
+            raise BadInput(
+                f"{image}: exists already; -o {any_image} replaces it, -o NAME keeps both"
+            )
     size, background = options.size, options.background
     drawings = [
         Drawing(method, views, options.device, size=size, background=background)

@@ -13,7 +13,7 @@ from __future__ import annotations
 import numpy as np
 from numpy.typing import NDArray
 
-from bench.metrics.structural_similarity import require_images
+from bench.metrics.structural_similarity import are_two_images, require_images
 
 _PEAK = 255.0
 
@@ -40,7 +40,7 @@ def psnr(a: NDArray[np.uint8], b: NDArray[np.uint8]) -> NDArray[np.float64]:
         Where an array is not uint8 or of another shape, where the shapes differ, and where there is
         nothing to compare (a dimension of 0).
     """
-    if np.ndim(a) == np.ndim(b) == 3:
+    if are_two_images(a, b):
         return psnr(a[None], b[None])[0]
     require_images(a, b)
     squares = np.empty(len(a))

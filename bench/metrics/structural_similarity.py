@@ -96,7 +96,7 @@ def ssim(a: NDArray[np.uint8], b: NDArray[np.uint8]) -> Ssim:
         Where an array is not uint8 or of another shape, where the shapes differ, and where there is
         nothing to compare (a dimension of 0).
     """
-    if np.ndim(a) == np.ndim(b) == 3:
+    if are_two_images(a, b):
         return ssim(a[None], b[None])
     per_image = ssim_per_image(a, b)
     return Ssim(*(float(values.mean()) for values in per_image))
@@ -188,6 +188,11 @@ def _windows_over(masks: NDArray[np.bool_], size: int) -> NDArray[np.bool_]:
             reach += step
         masks = masks.swapaxes(1, 2)
     return masks
+
+
+def are_two_images(a: NDArray[np.uint8], b: NDArray[np.uint8]) -> bool:
+    """Return whether both are [H, W, C]; three axes that end in a width are a stack in grey."""
+    return a.ndim == b.ndim == 3 and a.shape[-1] <= 4
 
 
 def require_images(a: NDArray[np.uint8], b: NDArray[np.uint8]) -> None:

@@ -47,7 +47,7 @@ def files_of_views(image: Path, views: Sequence[View]) -> tuple[Path, ...]:
     """Return the file of each view, its angles in the name, or of a turntable or the only view."""
     if len(views) == 1:
         return (image,)
-    angles = (f"az{view.azimuth_deg:g}-el{view.elevation_deg:g}" for view in views)
+    angles = (f"az{view.azimuth_deg:.15g}-el{view.elevation_deg:.15g}" for view in views)
     return tuple(image.with_name(f"{image.stem}-{name}{image.suffix}") for name in angles)
 
 

@@ -148,7 +148,7 @@ class DrawRequest:
     ) -> tuple[NDArray[np.uint8], SurfaceMaps]:
         (image,), state = self._draw(points, [view])
         if not isinstance(mesh := getattr(state, "mesh", None), Mesh):
-            (method,) = methods_to_draw((self.method,) if self.method else (), self.colour)
+            (method,) = self._methods()
             some = ", ".join(m.id for m in METHODS if m.kind == "reconstruction")
             raise BadInput(
                 f"method '{method}' makes no surface, so that there are no maps of it; give "
@@ -159,12 +159,15 @@ class DrawRequest:
         depth = np.where(mask > 0, FARTHEST - 2 * nearness, np.float32(np.inf))
         return image, SurfaceMaps(depth, mask, np.stack(normal, axis=-1))
 
+    def _methods(self) -> tuple[str, ...]:
+        named = (self.method,) if self.method is not None else ()
+        return methods_to_draw(named, self.colour, self.budget_ms)
+
     def _draw(
         self, points: ArrayLike | Path, views: Sequence[View]
     ) -> tuple[NDArray[np.uint8], Any]:
         """Return the images, and the method's state of the cloud."""
-        named = (self.method,) if self.method is not None else ()
-        (method_id,) = methods_to_draw(named, self.colour, self.budget_ms)
+        (method_id,) = self._methods()
         find_drawer(method_id)
         cloud, notes = (
             self._of_file(Path(points))
@@ -184,6 +187,8 @@ class DrawRequest:
             raise BadInput(
                 f"{path}: columns are of an array; name those of a file in its first line"
             )
+        if path.is_dir():
+            raise BadInput(f"{path}: a folder; give a file of points")
         drops = {"drop_invalid": self.drop_invalid, "drop_far": self.drop_far}
         file = CloudFile(path, False, self.up, self.front, up_unknown=self.up == "y", **drops)
         try:
@@ -195,10 +200,16 @@ class DrawRequest:
     def _of_array(self, points: ArrayLike) -> tuple[PointCloud, Notes]:
         chosen, notes = _three_columns(points, self.columns)
         values = real_points(chosen)
-        kept = values[np.isfinite(values).all(axis=1)] if self.drop_invalid else values
-        if fewer := len(values) - len(kept):
-            lost = f"{fewer} of {len(values)} points are left out, they are not finite"
-            notes, values = (*notes, lost), kept
+        broken = np.flatnonzero(~np.isfinite(values).all(axis=1))
+        count = f"{len(broken)} of {len(values)} points"
+        if len(broken) and not self.drop_invalid:
+            raise BadInput(
+                f"{count} are not finite (the first is row {broken[0]}, from 0); remove them, or "
+                "leave them out with drop_invalid=True"
+            )
+        if len(broken):
+            values = np.delete(values, broken, axis=0)
+            notes = (*notes, f"{count} are left out, they are not finite")
         far, of_places = places(values, self.drop_far, "drop_far=True")
         values = values[~far] if self.drop_far else values
         return cloud_of_points(values, self.up, self.front), (*notes, *of_places)
@@ -229,6 +240,8 @@ def _in_python(text: str) -> str:
 def _three_columns(points: Any, columns: Sequence[int | str] | None) -> tuple[ArrayLike, Notes]:
     """Return the columns of x, y and z, and a note where others are left out unasked."""
     labels = [label for label in getattr(points, "columns", ()) if isinstance(label, str)]
+    if hasattr(points, "columns") and not labels:  # a DataFrame whose columns have numbers
+        points = np.asarray(points)
     given = points if hasattr(points, "shape") else cast("Any", np.asarray(points))
     if columns is not None:
         try:

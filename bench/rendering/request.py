@@ -45,7 +45,7 @@ def _angles(default: float, help: str) -> Any:
 
 
 def _size(text: str) -> int:
-    if "x" in text.lower():
+    if text.lower().partition("x")[2]:  # 512x512, not 512px
         raise BadInput(
             f"--size {text}: images are square, as the unit sphere just fits; give one number"
         )
@@ -154,7 +154,8 @@ def check(options: RenderOptions, out: Path) -> None:
     is_turntable = moves(out)  # raises BadInput for the name of another kind of file
     size, frames, points = options.size, options.frames, options.points
     several = len(options.views) > 1
-    shown = max(1, frames or _FRAMES) if is_turntable and not several else 1
+    turned = max(1, frames or _FRAMES) if is_turntable else 1
+    shown = len(options.views) if several else turned
     sheet, transparent = len(options.methods) > 1, options.background == "transparent"
     for wrong, text in (
         (
@@ -167,7 +168,7 @@ def check(options: RenderOptions, out: Path) -> None:
             f"--frames {frames}: must be 1 to {_MOST_FRAMES}",
         ),
         (
-            several and (frames is not None or out.suffix.lower() in (".gif", ".apng")),
+            several and (frames not in (None, 1) or out.suffix.lower() in (".gif", ".apng")),
             f"{out}: a turntable, which starts at one azimuth; of several angles give the name of "
             "an image, or one azimuth and one elevation",
         ),
@@ -178,7 +179,7 @@ def check(options: RenderOptions, out: Path) -> None:
         ),
         (
             shown * size**2 > _MOST_PIXELS,
-            f"--size {size}: at most {int((_MOST_PIXELS / shown) ** 0.5)} with {shown} frames; "
+            f"--size {size}: at most {int((_MOST_PIXELS / shown) ** 0.5)} with {shown} images; "
             "give less of either",
         ),
         (transparent and sheet, "--background transparent: a sheet is white; give one method"),

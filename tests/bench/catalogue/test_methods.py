@@ -59,6 +59,12 @@ def test_every_method_says_its_kind_and_its_colours():
     assert (variant.family, variant.kind) == ("surface-apss", "reconstruction")
 
 
+@pytest.mark.parametrize("sizes", [(), (256,), (256, 128), (128, 256.0), 128, "any", None])
+def test_sizes_that_a_method_cannot_have(sizes):
+    with pytest.raises(BadInput, match=r"method 'hull': sizes .*; give whole numbers in ascending"):
+        Method("hull", lambda device: None, str, 1, "", sizes=sizes)
+
+
 def test_a_plug_in_need_not_say_its_kind():
     plug_in = Method("hull@fine", lambda device: None, str, 1, "", sees_cloud=False)
     assert (plug_in.kind, plug_in.color, plug_in.role, plug_in.family) == ("", "", "", "hull")

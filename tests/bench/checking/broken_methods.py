@@ -273,6 +273,7 @@ def _no_library(device):
 PLUGINS = {
     "WRONG_SHAPE": method(Altered, lambda images: images[:, :64]),
     "OUT_OF_RANGE": method(Altered, lambda images: 255 * images),
+    "OTHER_SIZES": method(Plain, sizes=(128, 256)),
     "NOT_FINITE": method(Altered, _with_nan),
     "FLOAT64": method(Altered, lambda images: images.astype(np.float64)),
     "BLANK": method(Altered, np.ones_like),
@@ -303,6 +304,7 @@ globals().update(PLUGINS)
 # The finding that names each fault, a part of its text, and whether it blocks a run.
 FAULTS = {
     "WRONG_SHAPE": ("images", "images of shape (3, 64, 128, 3), expected (3, 128", True),
+    "OTHER_SIZES": ("images", "unexpected keyword argument 'size'", True),
     "OUT_OF_RANGE": ("images", "expected 0 .. 1", True),
     "NOT_FINITE": ("images", "9 pixel values are not finite", True),
     "FLOAT64": ("images", "images are float64, expected float32", True),

@@ -112,6 +112,9 @@ def test_two_images_are_a_pair():
         assert metric(a, b) == metric(LEG[:1], BLACK[:1])[0]
     with pytest.raises(ValueError, match=re.escape("must be [N, H, W, C]")):
         psnr(a, BLACK[:1])
+    for metric in (ssim, psnr):  # a stack in grey is no image
+        with pytest.raises(ValueError, match=re.escape("[N, H, W, C], got uint8 [1, 128, 128]")):
+            metric(LEG[..., 0], BLACK[..., 0])
 
 
 @pytest.mark.parametrize("pair", [(0, 255), (255, 0), (0, 1), (128, 127), (200, 7), (255, 218)])

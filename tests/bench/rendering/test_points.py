@@ -61,6 +61,12 @@ def test_tensors_of_networks_are_points(points, kind):
         ),
         ({"points": "a.ply", "columns": "xyz"}, BadInput, "a.ply: columns are of an array; name t"),
         ({"columns": (0, 1, 9)}, BadInput, r"columns \(0, 1, 9\): not in points of shape \[300, 3"),
+        ({"points": "."}, BadInput, r"\.: a folder; give a file of points"),
+        (
+            {"points": [[0, 0, 0], [np.nan, 1, 2]]},
+            BadInput,
+            r"1 of 2 points are not finite \(the first is row 1, from 0\); .* drop_invalid=True",
+        ),
         ({"size": 10**9}, BadInput, "size 1000000000: must be a whole number, 16 to 2048"),
         ({"size": "big"}, BadInput, "size 'big': must be a whole number, 16 to 2048"),
         ({"background": "red"}, BadInput, "background 'red': must be white or transparent"),
@@ -98,6 +104,7 @@ def test_further_columns_files_sizes_and_points_that_are_not_finite(points, tmp_
         (six, {}),
         (swapped, {"columns": (2, 1, 5)}),
         (pd.DataFrame(swapped, columns=[*"abcdef"]), {"columns": "dbf"}),
+        (pd.DataFrame(six), {}),
         (broken, {"drop_invalid": True}),
         (tmp_path / "cloud.npy", {"drop_invalid": True}),
     ):
