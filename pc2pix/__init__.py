@@ -1,32 +1,19 @@
 """pc2pix (Atienza 2019): images of point clouds drawn by a network.
 
-`draw_cloud` and `turntable` make images of points, `load` a renderer with weights of your choice.
+`load` gives a renderer; `bench.draw_cloud(points, method="pc2pix@all")` an image of points.
 """
 
 from __future__ import annotations
 
-from typing import TYPE_CHECKING, Any
+from typing import TYPE_CHECKING
 
 if TYPE_CHECKING:
     from pathlib import Path
 
     from pc2pix.engine import Precision
-    from pc2pix.images import draw_cloud, turntable
     from pc2pix.renderer import NoisePolicy, Pc2pixRenderer
 
-__all__ = ["draw_cloud", "load", "turntable"]
-
-
-def __getattr__(name: str) -> Any:
-    """Import names that need NumPy when they are asked for.
-
-    The command line has no time for NumPy.
-    """
-    if name not in ("draw_cloud", "turntable"):
-        raise AttributeError(f"module 'pc2pix' has no attribute '{name}'")
-    from pc2pix import images
-
-    return getattr(images, name)
+__all__ = ["load"]
 
 
 def load(

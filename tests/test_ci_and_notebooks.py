@@ -1,4 +1,4 @@
-"""Pages whose commands and blocks run beside a small run: CI, notebooks, the Dockerfile."""
+"""Pages whose commands and blocks are run: CI, Python, notebooks, the Dockerfile."""
 
 from __future__ import annotations
 
@@ -6,6 +6,7 @@ import re
 import shlex
 import shutil
 import subprocess
+import sys
 from pathlib import Path
 from xml.etree import ElementTree
 
@@ -15,7 +16,9 @@ import yaml
 from PIL import Image
 from typer.testing import CliRunner
 
+import bench
 from bench.cli import app
+from bench.metrics import ssim
 from data_prep.datasets.registry import open_dataset
 from data_prep.rendering.opengl import DEBIAN_PACKAGES
 
@@ -80,6 +83,29 @@ def test_the_blocks_for_notebooks(folder, monkeypatch):
     with Image.open("turn.gif") as turn:
         assert turn.n_frames == 24
         assert (np.asarray(turn.convert("RGB")) < 255).any()
+
+
+@pytest.mark.slow
+def test_the_script_of_the_page_on_python(tmp_path):
+    shutil.copy(ROOT / "examples" / "chair.ply", tmp_path / "cloud.ply")
+    parts = blocks("python.md", "python")
+    assert len(parts) == 6
+    done = subprocess.run(
+        [sys.executable, "-c", "\n".join(parts)], cwd=tmp_path, capture_output=True, text=True
+    )
+    assert done.returncode == 0, done.stderr
+    maps, like_blank, pairs = done.stdout.splitlines()
+    assert maps.startswith("(128, 128) 1.0 [")
+    expected = bench.draw_cloud(tmp_path / "cloud.ply", 30, 20)
+    assert float(like_blank) == pytest.approx(ssim(expected, 255 + 0 * expected).ssim, abs=1e-4)
+    assert pairs == "(36,)"
+    with Image.open(tmp_path / "chair.png") as image:
+        # Another process may have another number of threads: a grey level by rounding.
+        np.testing.assert_allclose(np.asarray(image).astype(int), expected, rtol=0, atol=1)
+    with Image.open(tmp_path / "turn.gif") as turn:
+        assert (turn.n_frames, turn.size) == (36, (128, 128))
+    with Image.open(tmp_path / "surface.png") as surface:
+        assert (np.asarray(surface) < 255).any()
 
 
 def test_the_dockerfile_installs_the_libraries_that_rendering_needs():

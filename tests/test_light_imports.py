@@ -12,7 +12,6 @@ HEAVY = {"numpy", "scipy", "pandas", "trimesh", "pyrender", "OpenGL", "pymeshlab
 STEPS = {
     "import bench, pc2pix": set(),
     "import data_prep.scene": {"numpy"},
-    "pc2pix.draw_cloud, pc2pix.turntable": {"numpy"},
     "import pc2pix.weights, baselines.splat_net.weights, learning.weights": {"numpy"},
     "import baselines.fused_net.weights, baselines.occupancy_net.weights": {"numpy"},
     "import bench.metrics.image_scores, bench.judges.answers": {"numpy"},
