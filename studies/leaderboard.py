@@ -187,14 +187,10 @@ _STYLE = """
 
 
 def show(_: Any, page: str, source: list[str]) -> None:
-    """Put the leaderboard at its mark in the front page, or above the first section."""
+    """Put the leaderboard at its mark in the front page."""
     if page == "index":
-        raw = f"```{{raw}} html\n{_fragment()}\n```\n"
-        head, mark, rest = source[0].partition(_MARK)
-        if not mark:
-            head, mark, rest = source[0].partition("\n## ")
-            raw += mark
-        source[0] = f"{head}\n{raw}{rest}"
+        raw = f"\n```{{raw}} html\n{_fragment()}\n```\n"
+        source[0] = source[0].replace(_MARK, raw)
 
 
 def setup(app: Any) -> dict[str, bool]:

@@ -198,7 +198,7 @@ def on_dataset(options: Options, dataset: str, limit: int | None, out: Path | No
         log(f"{', '.join(left_out)}: left out on {dataset}: {why}")
     exported = (obj for obj in opened.finite or () if isinstance(obj, ExportedObject))
     views = (options.views, *(len(obj.exported_views) for obj in exported))
-    directory = options.directory.resolve()
+    beside = options.directory if options.directory.name else options.directory.resolve()
     return replace(
         options,
         dataset=dataset,
@@ -207,7 +207,7 @@ def on_dataset(options: Options, dataset: str, limit: int | None, out: Path | No
         views=min(filter(None, views)),
         seed=options.seed if opened.seed is None else None,
         shard=None,
-        out=out or options.directory.parent / default_name(directory.name, dataset),
+        out=out or beside.with_name(default_name(beside.name, dataset)),
         same_objects=False,
     )
 

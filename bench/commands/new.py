@@ -15,6 +15,7 @@ import typer
 
 from bench.catalogue.plugins import OUR_IDS
 from bench.commands.options import path_option
+from bench.records.run_folder import not_writable
 from data_prep.failures import BadInput, CannotWrite
 from data_prep.plugins import announced, is_id
 
@@ -114,7 +115,7 @@ def write_package(kind: PluginKind, id_: str, folder: Path) -> list[str]:
         temporary.chmod(0o755)  # that of a temporary folder is 0o700
         temporary.rename(folder)
     except OSError as error:
-        raise CannotWrite(f"{folder}: cannot be written ({error.strerror}); give --out") from error
+        raise not_writable(folder, error) from error
     finally:
         shutil.rmtree(temporary, ignore_errors=True)
     return written

@@ -86,7 +86,7 @@ def open_folder(directory: Path) -> Iterator[Store]:
     try:
         directory.mkdir(parents=True, exist_ok=True)
     except OSError as error:
-        raise _not_writable(directory, error) from error
+        raise not_writable(directory, error) from error
     with _locked(directory), open_store(directory, write=True) as store:
         yield store
 
@@ -96,7 +96,7 @@ def _locked(directory: Path) -> Iterator[None]:
     try:
         lock_file = (directory / "lock").open("w")
     except OSError as error:
-        raise _not_writable(directory, error) from error
+        raise not_writable(directory, error) from error
     with lock_file as lock:
         try:
             fcntl.flock(lock, fcntl.LOCK_EX | fcntl.LOCK_NB)
@@ -112,7 +112,8 @@ def _locked(directory: Path) -> Iterator[None]:
         yield
 
 
-def _not_writable(directory: Path, error: OSError) -> CannotWrite:
+def not_writable(directory: Path, error: OSError) -> CannotWrite:
+    """Return the refusal of a folder that cannot be written, with the reason."""
     return CannotWrite(f"{directory}: cannot be written ({error.strerror}); give --out")
 
 
@@ -236,7 +237,7 @@ def set_aside(directory: Path) -> Path | None:
         try:
             return directory.rename(target)
         except OSError as error:
-            raise _not_writable(directory.parent, error) from error
+            raise not_writable(directory.parent, error) from error
 
 
 def _misfit_of(manifest: Mapping[str, Any]) -> str:

@@ -19,7 +19,7 @@ from bench.catalogue.conditions import ALL
 from bench.catalogue.lookup import find
 from bench.catalogue.methods import FLOOR
 from bench.catalogue.suites import SUITES, TRUTHS
-from bench.records.run_folder import COLOURED
+from bench.records.run_folder import COLOURED, not_writable
 from bench.running.isolation import WorkerFailure, run_tasks
 from bench.running.options import Options, workers_of
 from bench.running.plan import ObjectJobs, plan
@@ -37,7 +37,7 @@ from data_prep.datasets.exported import (
 )
 from data_prep.datasets.objects import MeshObject
 from data_prep.datasets.protocol_version import PROTOCOL_VERSION
-from data_prep.failures import BadInput, CannotWrite, StageFailure
+from data_prep.failures import BadInput, StageFailure
 from data_prep.files.atomic_write import whole_folder, write_whole
 from data_prep.files.checksums import file_sha256
 from data_prep.files.clouds import save_ply
@@ -77,7 +77,7 @@ def export(options: Options, out: Path) -> int:
         with whole_folder(out) as new:
             _fill(new, protocol, objects, min(workers_of(suite, options), len(objects)))
     except OSError as error:
-        raise CannotWrite(f"{out}: cannot be written ({error.strerror}); give --out") from error
+        raise not_writable(out, error) from error
     return len(objects)
 
 

@@ -1,4 +1,4 @@
-r"""Tables as LaTeX, for papers: the rules of `booktabs`, and ASCII alone but for accented letters.
+r"""Tables as LaTeX, for papers: the rules of `booktabs`, and ASCII alone.
 
 Each grid is a `table` with caption and label. What Markdown has above and below it are comments.
 Published values stand in a column beside ours. Intervals are a command, `\benchci`.
@@ -7,7 +7,6 @@ Published values stand in a column beside ours. Intervals are a command, `\bench
 from __future__ import annotations
 
 import re
-import unicodedata
 from collections.abc import Iterable, Iterator, Sequence
 
 from bench.tables.grid import BEST, FEWER, MOVED, Block, Cell, Grid
@@ -27,7 +26,6 @@ _COMMANDS = {
     **{"–": "--", "—": "---", "…": r"\ldots{}", "×": r"$\times$", "±": r"$\pm$"},
     **{"°": r"$^\circ$", "≤": r"$\le$", "≥": r"$\ge$", "’": "'", "“": "``", "”": "''"},
 }
-_ACCENTS = "\u0300\u0301\u0302\u0303\u0308\u030a\u0327"  # of letters that LaTeX has by itself
 
 
 def escaped(text: str) -> str:
@@ -38,11 +36,8 @@ def escaped(text: str) -> str:
 
 
 def _character(character: str) -> str:
-    if character.isascii() or character in _COMMANDS:
-        return _COMMANDS.get(character, character)
-    letter, *marks = unicodedata.normalize("NFD", character)
-    known = letter.isascii() and len(marks) == 1 and marks[0] in _ACCENTS
-    return character if known else f"{{[}}U+{ord(character):04X}]"
+    unknown = character if character.isascii() else f"{{[}}U+{ord(character):04X}]"
+    return _COMMANDS.get(character, unknown)
 
 
 def document(name: str, title: str, blocks: Iterable[Block]) -> str:

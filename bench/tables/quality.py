@@ -431,11 +431,11 @@ def _gaps(rows: Sequence[dict[str, Any]], across: str) -> list[str]:
 def best_printed(rows: Iterable[dict[str, Any]]) -> set[tuple[str, str, str]]:
     """Return the methods that compete in each class and condition and are the best of it, printed.
 
-    None where fewer than two compete.
+    None where fewer than two compete. A value of blank images alone has no part.
     """
     by_cell: dict[tuple[str, str], list[dict[str, Any]]] = {}
     for row in rows:
-        if math.isfinite(row["value"]) and not role(row["method"]):
+        if math.isfinite(row["value"]) and row["n_ok"] and not role(row["method"]):
             by_cell.setdefault((row["class"], row["condition"]), []).append(row)
     return {
         (*key, row["method"])

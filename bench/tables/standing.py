@@ -40,21 +40,20 @@ def standing_lines(
 
 
 def _values(headline: Table, stands: Standing, method: str) -> Iterator[list[str]]:
-    """Yield a line for each metric: the values of a method, a dash without images, its place."""
+    """Yield a line for each metric: the values of a method at the conditions, and its place."""
     for grid in headline.grids():
         for line in (line for line in grid.lines if line.name == method):
-            cells = dict(zip(grid.columns, line.cells, strict=True))
             place, among = stands.places.get(grid.metric, (0, 0))
             yield [
                 grid.metric,
-                *(value_text(cells[c], True) if c in stands.conditions else "-" for c in cells),
+                *(value_text(cell, True) for cell in line.cells),
                 f"{_ordinal(place)} of {among}" if place else "-",
             ]
 
 
 def _ordinal(place: int) -> str:
-    teens = place // 10 % 10 == 1
-    return f"{place}{'th' if teens else {1: 'st', 2: 'nd', 3: 'rd'}.get(place % 10, 'th')}"
+    ends = {1: "st", 2: "nd", 3: "rd"} if place // 10 % 10 != 1 else {}
+    return f"{place}{ends.get(place % 10, 'th')}"
 
 
 def _lacks(stands: Standing, name: str) -> Iterator[str]:

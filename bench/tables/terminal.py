@@ -12,7 +12,7 @@ import sys
 from collections.abc import Iterable, Sequence
 from typing import TYPE_CHECKING
 
-from bench.tables.grid import BEST, FEWER, MOVED, Cell, Grid
+from bench.tables.grid import BEST, FEWER, MOVED, NOTHING, Cell, Grid
 from bench.tables.markdown import visible
 
 if TYPE_CHECKING:
@@ -127,7 +127,12 @@ def _tables(grid: Grid, intervals: bool, width: int) -> list[Table]:
 
 
 def value_text(cell: Cell, interval: bool) -> str:
-    """Return the value, and the ends of its interval without their zeros before the point."""
+    """Return the value, and the ends of its interval without their zeros before the point.
+
+    A dash for one of blank images alone.
+    """
+    if cell.count and not cell.count[0]:
+        return NOTHING.text
     text = "*" * (cell.special is BEST) + visible(cell.text)
     if not interval or cell.value is None or cell.interval is None:
         return text

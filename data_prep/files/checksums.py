@@ -9,7 +9,7 @@ from pathlib import Path
 from typing import Any
 
 from data_prep.failures import BadInput
-from data_prep.files.safe_read import MIB, open_file
+from data_prep.files.safe_read import open_file
 
 MOST_BYTES = 2**32  # of weights or a checkpoint; pc2pix at the paper's width has one of 1.2 GB
 
@@ -45,5 +45,4 @@ def fingerprint_of(
 def _update(digest: Any, path: Path, most_bytes: int) -> None:
     """Feed a file to a hash, piece by piece."""
     with open_file(path, most_bytes) as file:
-        while piece := file.read(MIB):
-            digest.update(piece)
+        hashlib.file_digest(file, lambda: digest)

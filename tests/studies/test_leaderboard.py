@@ -66,10 +66,9 @@ def test_rows_hold_what_the_files_hold(numbers):
     assert [cell.beneath for cell in splat[:4]] == ["", "worse", "", "worse"]
 
 
-@pytest.mark.parametrize("mark", ["<!-- leaderboard -->\n", ""])
-def test_the_front_page_alone_has_it_at_its_mark_or_above_the_first_section(mark):
+def test_the_front_page_alone_has_it_at_its_mark():
     section = "\n## Tutorial\n\n* [Tutorial](quickstart.md)\n"
-    source = [f"# Title\n\nWords.\n{mark}{section}"]
+    source = [f"# Title\n\nWords.\n<!-- leaderboard -->\n{section}"]
     show(None, "index", source)
     head, raw, rest = re.split(r"```(?:\{raw\} html\n)?", source[0])
     assert head.strip() == "# Title\n\nWords."

@@ -49,6 +49,9 @@ def test_the_best_are_compared_in_the_digits_that_both_have():
     assert is_worse(row("splat", 0.776), row("pc2pix", 0.777))
     assert {method for _, _, method in best_printed(ROWS)} == {"surface-apss", "splat"}
     assert best_printed(ROWS[:1]) == set()  # alone it competes with none
+    references = (value_row("true-mesh", 1.0), value_row("blank", 0.9))  # no rivals
+    without = row("fused-net", 0.9, n_ok=0)  # whose value is that of blank images
+    assert best_printed([*ROWS, *references, without]) == best_printed(ROWS)
     distances = [r | {"metric": "fd-views"} for r in ROWS[1:]]
     assert {method for _, _, method in best_printed(distances)} == {"pc2pix"}
     marks = {line.name: line.cells[0].special for line in grid_of(ROWS).lines}

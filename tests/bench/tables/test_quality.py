@@ -19,7 +19,6 @@ from bench.metrics import frechet_distance
 from bench.records.record import GROUND_TRUTH
 from bench.tables.build import tables, write_outputs
 from bench.tables.quality import (
-    best_printed,
     detail_table,
     image_table,
     recognition_table,
@@ -36,7 +35,6 @@ from ..builders import (
     rows_of,
     scored_records,
     to_frame,
-    value_row,
     write_all,
     write_run,
 )
@@ -336,11 +334,3 @@ def test_tables_are_made_with_one_thread(tmp_path):
     with threadpool_limits(2):
         tables(replace(run, features=run.features | {"fd-views": watched}))
     assert set(threads) == {1}
-
-
-def test_the_best_is_of_those_that_compete():
-    """True meshes draw the truth itself, and are no rival; equal digits share the place."""
-    values = {"true-mesh": 1.0, "blank": 0.7, "splat": 0.6, "poisson": 0.60001, "surface-bpa": 0.5}
-    rows = [value_row(method, value) for method, value in values.items()]
-    assert best_printed(rows) == {("chair", "2048", name) for name in ("splat", "poisson")}
-    assert best_printed(rows[:3]) == set()  # alone, it is the best of nothing

@@ -33,10 +33,6 @@ def test_a_method_is_shown_with_what_it_has(tmp_path):
         (line,) = (line for line in lines if line.startswith(f"{metric}  ") and " of " in line)
         assert line.endswith(f"-  {_ordinal(place)} of 4")
     assert "broken" not in "".join(lines[lines.index("") + 8 :])  # nor in comparisons
-
-
-def test_a_method_without_an_image(tmp_path):
-    run = tiny_run(tmp_path / "run", "chair-robustness")
     assert lines_of(run, "wrecked") == ["", "wrecked has no image: there is nothing to compare."]
 
 

@@ -7,7 +7,7 @@ from rich.cells import cell_len
 
 from bench.tables.grid import BEST, OVER_OBJECTS, Cell, Grid, TableRow
 from bench.tables.markdown import visible
-from bench.tables.terminal import STAR, grid_lines
+from bench.tables.terminal import STAR, grid_lines, value_text
 
 CONDITIONS = ("2048", "1024", "512", "noise-0.05", "noise-0.10")
 METHODS = ("surface-apss", "pc2pix", "splat-net", "splat-net@grey")
@@ -56,6 +56,10 @@ def test_what_has_no_room_is_left_out_by_and_by():
     shortest = grid_lines(grids(many), 60, 20)
     assert len(shortest) == 20
     assert shortest[-1] == "... 45 more lines, in the tables"
+
+
+def test_a_value_of_blank_images_alone_is_a_dash():
+    assert value_text(Cell("0.221", 0.221, count=(0, 4)), True) == "-"
 
 
 def test_missing_values_notes_and_metrics_that_were_not_measured():
