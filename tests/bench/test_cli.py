@@ -14,7 +14,9 @@ import numpy as np
 import pandas as pd
 import pytest
 
-from bench.cli import _interrupt_handler
+from bench.catalogue.suites import Limits
+from bench.cli import _interrupt_handler, main
+from bench.running.isolation import run_tasks
 from data_prep.failures import BadInput
 from learning.divergence import TrainingDiverged
 
@@ -100,6 +102,16 @@ def test_a_current_folder_that_is_gone(tmp_path):
     done = subprocess.run(["sh", "-c", script], cwd=tmp_path, capture_output=True, text=True)
     assert done.returncode == 2
     assert done.stderr == "bench: the current folder is gone; change to another, with cd\n"
+
+
+def test_what_other_systems_lack_is_told_in_a_line(monkeypatch, capsys):
+    monkeypatch.setattr(sys, "platform", "darwin")
+    with pytest.raises(BadInput, match="worker processes need Linux, and this is darwin; use WSL"):
+        next(run_tasks(range(3), abs, 1, Limits(60.0, 8.0)))
+    monkeypatch.setattr(sys, "platform", "win32")
+    with pytest.raises(SystemExit, match="2"):
+        main(["list"])
+    assert capsys.readouterr().err == "bench: Windows: use WSL 2 or Docker (docs/platforms.md)\n"
 
 
 def test_a_script_without_a_main_guard_is_told_so(tmp_path):
