@@ -41,6 +41,7 @@ _FEWEST_HINTED, _MOST_HINTED = 256, 2048  # points
 # ones are recognised with the front at -y and 57 % with the front at x; with noise 3 to 17 %.
 _SYMMETRIC, _ASYMMETRIC = 1.2, 3.0
 _LINE = 1e-3  # thickness by length
+_MOST_PIXELS = 2**24  # drawn together, in 200 MB
 LIMITS = Limits(time_s=120.0, memory_gib=4.0)
 Background = Literal["white", "transparent"]
 Notes = tuple[str, ...]  # a line for each part of a file that is left out
@@ -404,7 +405,8 @@ def draw_views(renderer: Renderer, cloud: PointCloud, drawing: Drawing) -> NDArr
     """Return the images of a drawing by the renderer of its method; raise what that raises."""
     method, rng = find_method(drawing.method), drawing.rng or generator("render")
     side = method.drawn_at(drawing.size)
-    drawn = draw(method, renderer, cloud, drawing.views, rng, drawing.batch, side=side).images
+    batch = drawing.batch or max(1, _MOST_PIXELS // side**2)
+    drawn = draw(method, renderer, cloud, drawing.views, rng, batch, side=side).images
     finish = without_background if drawing.background == "transparent" else resized
     return finish(drawn, drawing.size)
 

@@ -134,8 +134,8 @@ def write_images(frames: NDArray[np.uint8], path: Path) -> None:
     Parameters
     ----------
     frames : ndarray
-        uint8 [F, H, W, 3], or [F, H, W, 4] with an opacity, which a GIF and a JPEG cannot have; a
-        PNG and a JPEG take the first one.
+        uint8 [F, H, W, 3] or an image [H, W, 3], or 4 with an opacity, which a GIF and a JPEG
+        cannot have; a PNG and a JPEG take the first one.
     path : Path
         .png or .jpg for an image, .gif, .webp or .apng for a turntable.
 
@@ -148,6 +148,7 @@ def write_images(frames: NDArray[np.uint8], path: Path) -> None:
     """
     from PIL import Image
 
+    frames = frames[None] if frames.ndim == 3 else frames
     turns, form = moves(path), _FORMS.get(path.suffix.lower(), "PNG")
     if frames.shape[-1] == 4:
         check_opacity(path)

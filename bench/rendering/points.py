@@ -39,6 +39,8 @@ _SPELT = {  # what a note on a file names, in Python
     "--drop-far": "drop_far=True",
     "--up z": 'up="z"',
     "--up y": 'up="y"',
+    "; '--method splat --colour file' draws its colours": "",
+    "; --points takes another number": "",
 }
 
 
@@ -240,9 +242,8 @@ def _in_python(text: str) -> str:
 def _three_columns(points: Any, columns: Sequence[int | str] | None) -> tuple[ArrayLike, Notes]:
     """Return the columns of x, y and z, and a note where others are left out unasked."""
     labels = [label for label in getattr(points, "columns", ()) if isinstance(label, str)]
-    if hasattr(points, "columns") and not labels:  # a DataFrame whose columns have numbers
-        points = np.asarray(points)
-    given = points if hasattr(points, "shape") else cast("Any", np.asarray(points))
+    is_array = hasattr(points, "shape") and (labels or not hasattr(points, "columns"))
+    given = points if is_array else cast("Any", np.asarray(points))
     if columns is not None:
         try:
             some = list(columns)

@@ -32,12 +32,12 @@ def noise(count, colours):
 
 
 def test_one_image(tmp_path):
-    image = noise(1, 5000)
+    image = noise(1, 5000)[0]
     write_images(image, tmp_path / "new" / "OUT.PNG")
     with Image.open(tmp_path / "new" / "OUT.PNG") as written:
         assert (written.format, written.mode) == ("PNG", "RGB")
         assert not getattr(written, "is_animated", False)
-        assert np.array_equal(np.asarray(written), image[0])
+        assert np.array_equal(np.asarray(written), image)
 
 
 @pytest.mark.parametrize(("suffix", "colours"), [("gif", 255), ("webp", 5000), ("apng", 5000)])
