@@ -63,6 +63,8 @@ def _comment(text: str) -> str:
 
 def _table(grid: Grid, label: str, title: str) -> str:
     cells = [cell for line in grid.lines for cell in line.cells]
+    # The paper prints all values of a metric with as many digits, `Cell.paper` none that is 0.
+    digits = max(len(cell.paper.partition(".")[2]) for cell in cells) if cells else 0
     published = [any(line.cells[i].paper for line in grid.lines) for i in range(len(grid.columns))]
     remarks = [
         grid.remark,
@@ -80,7 +82,10 @@ def _table(grid: Grid, label: str, title: str) -> str:
         r"\toprule",
         *_heads(grid, published),
         r"\midrule",
-        *(_row([escaped(line.name), *_values(line.cells, published)]) for line in grid.lines),
+        *(
+            _row([escaped(line.name), *_values(line.cells, published, digits)])
+            for line in grid.lines
+        ),
         r"\bottomrule",
         r"\end{tabular}",
         *(rf"\par{{\footnotesize {escaped(text)}}}" for text in remarks if text),
@@ -106,11 +111,11 @@ def _row(cells: Sequence[str]) -> str:
     return " & ".join(cells) + r" \\"
 
 
-def _values(cells: Sequence[Cell], published: Sequence[bool]) -> Iterator[str]:
+def _values(cells: Sequence[Cell], published: Sequence[bool], digits: int) -> Iterator[str]:
     for cell, beside in zip(cells, published, strict=True):
         yield _value(cell)
         if beside:
-            yield escaped(cell.paper or "-")
+            yield f"{float(cell.paper):.{digits}f}" if cell.paper else "-"
 
 
 def _value(cell: Cell) -> str:

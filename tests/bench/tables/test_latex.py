@@ -56,10 +56,11 @@ def test_published_values_stand_beside_ours(tmp_path):
     heads = r"& \\multicolumn\{2\}\{c\}\{2048\} & .* & broken \\\\\n\\cmidrule\(lr\)\{2-3\}"
     assert re.search(heads, text)
     assert " & ours & paper & ours & paper" in text
+    assert re.search("surface-apss & [^&]* & 0.70 & ", text)  # as printed, not 0.7
     ours, low, high = re.search(r"^\| pc2pix \| (\S+) \[(\S+), (\S+)\]", shown, re.M).groups()
     paper = published("chair-robustness")["chair", "ssim", "2048", "pc2pix"]
     ends = f"\\benchci{{{escaped(low)}}}{{{escaped(high)}}}"
-    assert f"pc2pix & {ours}{ends} & {paper:g} & " in text.replace(f"\\textbf{{{ours}}}", ours)
+    assert f"pc2pix & {ours}{ends} & {paper:.2f} & " in text.replace(f"\\textbf{{{ours}}}", ours)
     assert "wrecked & -" in text
     assert "paper: as published; other data (ShapeNet), other weights" in text
 
