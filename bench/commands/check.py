@@ -18,7 +18,7 @@ from bench.commands.options import OptionSpec, options_from_dataclass, path_argu
 from bench.records.run_folder import read_manifest
 from bench.tables.markdown import visible
 from data_prep.failures import BadInput, CannotWrite
-from data_prep.scene import IMAGE_SIZE, UInt8Images
+from data_prep.scene import IMAGE_SIZE
 
 if TYPE_CHECKING:
     from bench.checking.golden import CheckResult
@@ -219,7 +219,7 @@ def _as_junit(directory: Path, verdict: CheckResult) -> str:
 def _write_deviations(
     directory: Path, moved: Sequence[GoldenDeviation], thumbnails: bool
 ) -> Path | None:
-    """Draw the objects that moved most into a run's folder, beside `thumbnails` that are golden.
+    """Draw the objects that moved most into a run's folder, beside golden `thumbnails` or truths.
 
     The image is of the first view. Among the metrics of an object with a method at a condition, the
     one that moved most counts. Without any object an old file is removed. Raises CannotWrite.
@@ -248,14 +248,19 @@ def _write_deviations(
         images = stored.images(deviation.item)
         method, condition, *obj = deviation.item
         drawn = "no image" if images is None else images[:1]
-        tiles.append(
-            Tile(f"{'/'.join(obj)}: {deviation.metric} {rounded(deviation.actual)}", drawn)
-        )
-        thumbnail: UInt8Images | str = "no thumbnail in this file"
+        now, was = rounded(deviation.actual), f"golden {rounded(deviation.golden)}"
+        moved_to, cell = f"{deviation.metric} {now}", f"{method}, {condition}"
         if before is not None:
             thumbnail = before[[deviation.line]].repeat(times, axis=1).repeat(times, axis=2)
-        was = f"golden {rounded(deviation.golden)}, {method}, {condition}"
-        tiles.append(Tile(was, thumbnail))
+            tiles.append(Tile(f"{'/'.join(obj)}: {moved_to}", drawn))
+            tiles.append(Tile(f"{was}, {cell}", thumbnail))
+        else:
+            truth = stored.images(deviation.item.truth)
+            tiles.append(Tile(f"{'/'.join(obj)}, {cell}", drawn))
+            no_truth = "no true image"
+            tiles.append(
+                Tile(f"truth; {moved_to}, {was}", no_truth if truth is None else truth[:1])
+            )
     write_images(draw_sheet(tiles, min(_ACROSS, len(tiles)), scale=2), path)
     return path
 
