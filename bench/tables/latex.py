@@ -47,7 +47,9 @@ def document(name: str, title: str, blocks: Iterable[Block]) -> str:
         if isinstance(block, str):
             texts += [block] * (bool(block) and not block.startswith("#"))
         elif block.caption:
-            comments = [_comment(text) for text in (*texts, *block.notes)]
+            about = f"{block.caption}: " * block.void  # of a grid that is not shown
+            notes = (f"{about}{note}" for note in block.notes)
+            comments = [_comment(text) for text in (*texts, *notes)]
             tables = [] if block.void else [_table(block, f"{name}-{len(parts)}", title)]
             parts.append("".join((*comments, *tables)))
             texts = []

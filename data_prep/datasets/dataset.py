@@ -77,9 +77,11 @@ class Dataset:
         """
         split = split or self.measured
         if self.classes and class_name not in self.classes:
+            flat = f"{self.id.rstrip('/')}/{self.classes[0]}"  # has no classes: serves as any
+            remedy = f"; a suite of one class takes {flat} whatever it holds"
             raise BadInput(
                 f"{self.id}: no class '{class_name}' (a sub-folder of that name); "
-                f"found {', '.join(self.classes)}"
+                f"found {', '.join(self.classes)}{remedy * flat.startswith('folder:')}"
             )
         if self.infinite is not None:
             count = endless_limit if limit is None else limit
