@@ -4,10 +4,10 @@ from __future__ import annotations
 
 import sys
 from collections.abc import Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, fields
 from functools import cache, partial
 from pathlib import Path
-from typing import Any, Literal, TypedDict, Unpack, cast, get_args, overload
+from typing import Any, Literal, cast, get_args, overload
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
@@ -42,22 +42,6 @@ _SPELT = {  # what a note on a file names, in Python
     "; '--method splat --colour file' draws its colours": "",
     "; --points takes another number": "",
 }
-
-
-class DrawOptions(TypedDict, total=False):
-    """The options of `draw_cloud` and `turntable`, as `DrawRequest` explains them."""
-
-    up: str
-    front: str | None
-    method: str | None
-    colour: bool
-    budget_ms: float | None
-    drop_far: bool
-    device: str
-    size: int
-    background: Background
-    drop_invalid: bool
-    columns: Sequence[int | str] | None
 
 
 @dataclass(frozen=True, eq=False)
@@ -132,6 +116,12 @@ class DrawRequest:
             raise BadInput(
                 f"size {self.size!r}: must be a whole number, {ANY_SIZE[0]} to {ANY_SIZE[-1]}"
             )
+        if not isinstance(self.method, str | None):
+            raise BadInput(f"method {self.method!r}: must be the id of one method")
+        if not isinstance(self.budget_ms, int | float | None):
+            raise BadInput(f"budget_ms {self.budget_ms!r}: must be a number of milliseconds")
+        if self.device not in ("auto", "cpu", "cuda"):
+            raise BadInput(f"device {self.device!r}: must be auto, cpu or cuda")
         if self.background not in get_args(Background):
             raise BadInput(f"background {self.background!r}: must be white or transparent")
 
@@ -275,7 +265,7 @@ def draw_cloud(
     elevation_deg: float = 20.0,
     *,
     return_maps: Literal[False] = False,
-    **options: Unpack[DrawOptions],
+    **options: Any,
 ) -> NDArray[np.uint8]: ...
 @overload
 def draw_cloud(
@@ -284,7 +274,7 @@ def draw_cloud(
     elevation_deg: float = 20.0,
     *,
     return_maps: Literal[True],
-    **options: Unpack[DrawOptions],
+    **options: Any,
 ) -> tuple[NDArray[np.uint8], SurfaceMaps]: ...
 def draw_cloud(
     points: ArrayLike | Path,
@@ -292,7 +282,7 @@ def draw_cloud(
     elevation_deg: float = 20.0,
     *,
     return_maps: bool = False,
-    **options: Unpack[DrawOptions],
+    **options: Any,
 ) -> Any:
     """Return an image of points in any units and anywhere, as `bench render` draws it.
 
@@ -346,7 +336,7 @@ def turntable(
     points: ArrayLike | Path,
     frames: int = 36,
     elevation_deg: float = 20.0,
-    **options: Unpack[DrawOptions],
+    **options: Any,
 ) -> NDArray[np.uint8]:
     """Return images of points from all around, in equal steps; the cloud is prepared once.
 
@@ -373,9 +363,9 @@ def turntable(
     return _request("turntable", "frames", options).draw(points, views)
 
 
-def _request(caller: str, first: str, options: DrawOptions) -> DrawRequest:
-    allowed = DrawOptions.__annotations__
-    if unknown := ", ".join(options.keys() - allowed.keys()):
+def _request(caller: str, first: str, options: dict[str, Any]) -> DrawRequest:
+    allowed = [field.name for field in fields(DrawRequest)]
+    if unknown := ", ".join(options.keys() - {*allowed}):
         raise TypeError(
             f"{caller}: no option {unknown}; there are {first}, elevation_deg, {', '.join(allowed)}"
         )

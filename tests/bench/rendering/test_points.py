@@ -70,6 +70,9 @@ def test_tensors_of_networks_are_points(points, kind):
         ({"size": 10**9}, BadInput, "size 1000000000: must be a whole number, 16 to 2048"),
         ({"size": "big"}, BadInput, "size 'big': must be a whole number, 16 to 2048"),
         ({"background": "red"}, BadInput, "background 'red': must be white or transparent"),
+        ({"device": "gpu"}, BadInput, "device 'gpu': must be auto, cpu or cuda"),
+        ({"method": ["splat"]}, BadInput, r"method \['splat'\]: must be the id of one method"),
+        ({"budget_ms": "50ms"}, BadInput, "budget_ms '50ms': must be a number of milliseconds"),
         (
             {"points": TABLE},
             BadInput,
@@ -138,6 +141,7 @@ def test_maps_of_a_sphere():
 
 def test_what_the_package_has_is_seen():
     assert {"draw_cloud", "turntable"} <= {*dir(bench)}
+    assert {"ssim", "psnr", "lpips"} <= {*dir(bench.metrics)}
 
 
 def test_far_points_and_steps_are_named_and_far_points_left_out_if_asked_for(points, capsys):
