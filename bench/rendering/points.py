@@ -133,12 +133,7 @@ class DrawRequest:
         self, points: ArrayLike | Path, view: View
     ) -> tuple[NDArray[np.uint8], SurfaceMaps]:
         """Return the image, and the surface in it. Raises as `draw_cloud`."""
-        return on_drawing_thread(partial(self._draw_with_maps, points, view))
-
-    def _draw_with_maps(
-        self, points: ArrayLike | Path, view: View
-    ) -> tuple[NDArray[np.uint8], SurfaceMaps]:
-        (image,), state = self._draw(points, [view])
+        (image,), state = on_drawing_thread(partial(self._draw, points, [view]))
         if not isinstance(mesh := getattr(state, "mesh", None), Mesh):
             (method,) = self._methods()
             some = ", ".join(m.id for m in METHODS if m.kind == "reconstruction")
@@ -146,8 +141,8 @@ class DrawRequest:
                 f"method '{method}' makes no surface, so that there are no maps of it; give "
                 f"method='occupancy-net' or one of {some}, or leave out return_maps"
             )
-        (planes,) = surface_maps(mesh, [view], self.size, limited=False)
-        mask, nearness, *normal = planes
+        maps = partial(surface_maps, mesh, [view], self.size, limited=False)
+        ((mask, nearness, *normal),) = on_drawing_thread(maps)
         depth = np.where(mask > 0, FARTHEST - 2 * nearness, np.float32(np.inf))
         return image, SurfaceMaps(depth, mask, np.stack(normal, axis=-1))
 

@@ -252,6 +252,17 @@ CASES: dict[str, str] = {
     "train judge --objects 47": "--objects 47 --views 16 --steps 3000: give at least 48 objects",
     "train judge --objects 48 --views 1": "--objects 48 --views 1 --steps 3000: give at least 48 o",
 }
+CASES |= {
+    f"render cloud.xyz {options}": problem
+    for options, problem in {
+        "--budget 50ms --method splat": "budget 50ms: it chooses the method, and splat is named",
+        "--budget 0.1ms": "budget 0.1ms: the cheapest method is splat-net@tiny-grey with 7.7 ms",
+        "--budget 50": "budget 50: give a time over 0 with its unit, as in 50ms or 0.2s",
+        "--colour invented --method surface-fit": "method 'surface-fit' draws in grey",
+        "--colour invented --budget 50ms": "budget 50ms: the methods that it chooses",
+        "--colour file --budget 1s": "method 'fused-net@grey' does not draw the",
+    }.items()
+}
 NO_GOLDEN = "no file of golden values of this version; 'bench check DIR --bless "
 CASES |= {
     "check run --golden gone.json": "gone.json: no such file",

@@ -49,24 +49,6 @@ def test_what_draws_where_no_method_is_named():
     assert methods_to_draw(("splat", "blank", "splat")) == ("splat", "blank")
 
 
-@pytest.mark.parametrize(
-    ("options", "problem"),
-    [
-        (("--budget", "50ms", "--method", "splat"), "budget 50ms: it chooses the method, and spl"),
-        (
-            ("--budget", "0.1ms"),
-            "budget 0.1ms: the cheapest method is splat-net@tiny-grey with 7.7 ms",
-        ),
-        (("--budget", "50"), "budget 50: give a time over 0 with its unit, as in 50ms or 0.2s"),
-        (("--colour", "invented", "--method", "surface-fit"), "method 'surface-fit' draws in gre"),
-        (("--colour", "invented", "--budget", "50ms"), "budget 50ms: the methods that it chooses"),
-        (("--colour", "file", "--budget", "1s"), "method 'fused-net@grey' does not draw the"),
-    ],
-)
-def test_the_command_refuses_them_in_one_line(refused, cloud, tmp_path, options, problem):
-    assert refused("render", cloud, *options, "-o", tmp_path / "out.png").startswith(problem)
-
-
 @pytest.mark.slow
 def test_the_command_says_which_method_the_budget_chose(command, cloud, tmp_path):
     out, again = tmp_path / "out.png", tmp_path / "again.png"
