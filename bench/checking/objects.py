@@ -329,7 +329,7 @@ class GoldenCell:
 
 @dataclass(frozen=True)
 class Widths:
-    """How far values of objects may move: as `bench.checking.tolerances.object_tolerance` says.
+    """The widths within which values of objects may move: by default `object_tolerance`.
 
     by_metric  others, of a user
     strict     in another environment as in the same one

@@ -1,4 +1,4 @@
-"""What `bench add` says of a method: its values, its places, and whether it is ahead."""
+"""The words of `bench add` on a method: its values, its places, and whether it is ahead."""
 
 from __future__ import annotations
 

@@ -198,7 +198,7 @@ def test_a_size_and_a_transparent_background(command, refused, plugins, tmp_path
 
 
 def test_surfaces_and_discs_are_drawn_at_the_size_asked_for(command, tmp_path):
-    """Fewer pixels of the smaller image than of the larger one are of the object, by the area."""
+    """The object fills as large a share of the image at each size."""
     cloud, shares = tmp_path / "cloud.npy", []
     points = generator("test").normal(size=(600, 3))
     np.save(cloud, points / np.linalg.norm(points, axis=1, keepdims=True) * (1, 2, 1))

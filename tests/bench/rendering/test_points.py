@@ -125,7 +125,7 @@ def test_further_columns_files_sizes_and_points_that_are_not_finite(points, tmp_
 
 
 def test_maps_of_a_sphere():
-    """Seen from 4 radii away, with half a field of view whose tangent is 16 / 58."""
+    """The camera stands 4 radii away, and half its field of view has the tangent 16 / 58."""
     points = generator("test").normal(size=(4000, 3))
     points /= np.linalg.norm(points, axis=1, keepdims=True)
     image, maps = bench.draw_cloud(points, method="poisson", size=64, return_maps=True)

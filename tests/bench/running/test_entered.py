@@ -244,7 +244,7 @@ def test_a_run_of_two_trees_has_a_row_of_each(
 
 @pytest.mark.slow
 def test_images_of_some_conditions_join_a_run(no_machine, exported, tree, command, monkeypatch):
-    """First the run's methods are measured on the export; then there is nothing left to do."""
+    """The run's methods are measured on the export first; then there is nothing left to do."""
     monkeypatch.chdir(tree.parent)
     shutil.rmtree(tree / "2048")
     (tree / "512/chair/test-0000/00.png").unlink()

@@ -49,7 +49,7 @@ def test_all_tables_of_a_run_compile(tmp_path, run_id):
 
 @pytest.mark.usefixtures("few_objects")
 def test_published_values_stand_beside_ours(tmp_path):
-    """Of two objects; the interval and the digits are those of the Markdown."""
+    """The interval and the digits, of two objects, are those of the Markdown."""
     outputs = make_outputs(read_run(tiny_run(tmp_path / "run", "chair-robustness")))
     table, distances, *_ = outputs.tables
     assert "% fid, chair (lower is better): skipped: " in distances.to_latex()
