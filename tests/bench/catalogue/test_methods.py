@@ -59,6 +59,12 @@ def test_every_method_says_its_kind_and_its_colours():
     assert (variant.family, variant.kind) == ("surface-apss", "reconstruction")
 
 
+def test_the_size_drawn_is_the_next_larger_or_the_largest():
+    fused, mesh = find_method("fused-net@grey"), find_method("poisson")
+    assert [fused.drawn_at(size) for size in (16, 128, 129, 256, 2048)] == [128, 128, 256, 256, 256]
+    assert [mesh.drawn_at(size) for size in (16, 1000)] == [16, 1000]
+
+
 @pytest.mark.parametrize("sizes", [(), (256,), (256, 128), (128, 256.0), 128, "any", None])
 def test_sizes_that_a_method_cannot_have(sizes):
     with pytest.raises(BadInput, match=r"method 'hull': sizes .*; give whole numbers in ascending"):

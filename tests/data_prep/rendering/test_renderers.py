@@ -17,6 +17,7 @@ from bench.running.isolation import WORKER_ENVIRONMENT
 from data_prep.datasets.registry import ProceduralObject
 from data_prep.failures import MissingDependency
 from data_prep.rendering import mesh as by_size
+from data_prep.rendering import raycast
 from data_prep.rendering.camera import FOCAL_PX, camera_to_world, project
 from data_prep.rendering.mesh import draw_mesh
 from data_prep.rendering.opengl import FAR, NEAR, SHEET_VIEWS, gl_renderer, render
@@ -260,6 +261,14 @@ def test_both_draw_the_same_chairs(index: int) -> None:
         assert (apart(mesh, views, size=size) > 1).mean() < 1e-3
     for samples in (MIRRORED, grid(4)):
         assert (apart(mesh, views, samples) > 1).mean() > 0.008
+
+
+def test_rays_cast_some_rows_at_a_time_give_the_same_image(monkeypatch) -> None:
+    mesh, views = chair(np.random.default_rng(4)), [View(30, 20)]
+    image, maps = cast(mesh, views), surface_maps(mesh, views)
+    monkeypatch.setattr(raycast, "_MOST_RAYS", 7 * 4 * 128)
+    assert np.array_equal(cast(mesh, views), image)
+    assert np.array_equal(surface_maps(mesh, views), maps)
 
 
 def test_walls_through_and_behind_the_camera_and_extreme_coordinates() -> None:
