@@ -257,10 +257,8 @@ def _write_deviations(
         else:
             truth = stored.images(deviation.item.truth)
             tiles.append(Tile(f"{'/'.join(obj)}, {cell}", drawn))
-            no_truth = "no true image"
-            tiles.append(
-                Tile(f"truth; {moved_to}, {was}", no_truth if truth is None else truth[:1])
-            )
+            shown = "no true image" if truth is None else truth[:1]
+            tiles.append(Tile(f"truth; {moved_to}, {was}", shown))
     write_images(draw_sheet(tiles, min(_ACROSS, len(tiles)), scale=2), path)
     return path
 

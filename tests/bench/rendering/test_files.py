@@ -1,12 +1,10 @@
 from __future__ import annotations
 
-from pathlib import Path
-
 import numpy as np
 import pytest
 from PIL import Image
 
-from bench.rendering.files import in_one_palette, moves, write_images
+from bench.rendering.files import in_one_palette, write_images
 from data_prep.failures import BadInput, CannotWrite
 from data_prep.randomness import generator
 
@@ -83,14 +81,6 @@ def test_an_opacity_is_kept_where_the_format_has_one(tmp_path):
             assert np.array_equal(np.asarray(image.convert("RGBA")), given[0])
     with pytest.raises(BadInput, match=r"a\.gif: a GIF has no opacity of its pixels"):
         write_images(given, tmp_path / "a.gif")
-
-
-def test_names():
-    assert [moves(Path(name)) for name in ("a.png", "a.GIF", "b/a.webp", "a.apng")] == [
-        *(False, True, True, True)
-    ]
-    with pytest.raises(BadInput, match=r"a\.bmp: images are written as PNG or JPEG, turntables as"):
-        moves(Path("a.bmp"))
 
 
 def test_what_cannot_be_written_leaves_nothing(tmp_path):

@@ -8,6 +8,7 @@ import pytest
 
 from bench.analysis.scored_run import read_run
 from bench.tables.build import make_outputs
+from bench.tables.grid import BEST
 from bench.tables.latex import PREAMBLE, escaped
 from bench.tables.published import published
 
@@ -54,6 +55,7 @@ def test_published_values_stand_beside_ours(tmp_path):
     table, distances, *_ = outputs.tables
     assert "% fid, chair (lower is better): skipped: " in distances.to_latex()
     text, shown = table.to_latex(), table.to_markdown()
+    cells = [cell for grid in table.grids() for line in grid.lines for cell in line.cells]
     heads = r"& \\multicolumn\{2\}\{c\}\{2048\} & .* & broken \\\\\n\\cmidrule\(lr\)\{2-3\}"
     assert re.search(heads, text)
     assert " & ours & paper & ours & paper" in text
@@ -62,6 +64,7 @@ def test_published_values_stand_beside_ours(tmp_path):
     paper = published("chair-robustness")["chair", "ssim", "2048", "pc2pix"]
     ends = f"\\benchci{{{escaped(low)}}}{{{escaped(high)}}}"
     assert f"pc2pix & {ours}{ends} & {paper:.2f} & " in text.replace(f"\\textbf{{{ours}}}", ours)
+    assert text.count("\\textbf{") == sum(cell.special is BEST for cell in cells) > 0
     assert "wrecked & -" in text
     assert "paper: as published; other data (ShapeNet), other weights" in text
 
