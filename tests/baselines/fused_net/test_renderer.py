@@ -70,14 +70,14 @@ def test_images_are_the_networks(cloud, size):
     """The mesh of the whole chair, and a cloud of one half of it: both are seen."""
     half = PointCloud(cloud.points[cloud.points[:, 1] > 0.1])
     net = network(MESHES[:1])
-    renderer = fused(net, {MESHES[0]: Truth()}, size=size)
+    renderer = fused(net, {MESHES[0]: Truth()})
     state = renderer.prepare(half)
     maps = torch.from_numpy(surface_maps(state.meshes[0], VIEWS, size))
     assert maps[:, 0, : size // 2].any()
     seen = Projection(state.surfels, cameras(VIEWS), net.config.inputs, size, maps)
-    expected = renderer.splats.engine(seen.whole()).numpy()
+    expected = renderer.splats.at_size(size).engine(seen.whole()).numpy()
     assert expected.std() > 0.01
-    np.testing.assert_allclose(renderer.draw(state, VIEWS), expected, rtol=0, atol=1e-5)
+    np.testing.assert_allclose(renderer.draw(state, VIEWS, size=size), expected, rtol=0, atol=1e-5)
 
 
 def test_channels_of_points_are_those_without_meshes(cloud):
