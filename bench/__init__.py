@@ -36,7 +36,6 @@ for _name in _PUBLIC:
 
 
 def __dir__() -> list[str]:
-    """Return the public names, whose modules need not be imported yet."""
     return sorted([*__all__, *_PUBLIC])
 
 

@@ -200,7 +200,8 @@ def write_file(run: Run, protocol: Mapping[str, Any], path: Path) -> None:
     """
     table, _ = _object_lines(run)
     fields = {"format": _FORMAT, "protocol": dict(protocol)}
-    fields |= {"environment": environment_of(run.manifest), "lines": table.splitlines()}
+    lines = table.removesuffix("\n").split("\n")  # names may have other separators of lines
+    fields |= {"environment": environment_of(run.manifest), "lines": lines}
     fields["sha256"] = sha256(_packed(fields)).hexdigest()
     write_whole(path, (json.dumps(fields, indent=1, ensure_ascii=False) + "\n").encode())
 
@@ -410,7 +411,8 @@ def compare_objects(run: Run, golden: GoldenObjects, widths: Widths) -> _ObjectC
             moved += beyond
     headline = [metric for metric in run.suite.headline if metric in metrics]
     wide = widths.in_words(list(dict.fromkeys(expected.reset_index()["method"])), headline)
-    remark = _remark(here, golden.environment, wide, widths.strict)
+    but = f"; but {', '.join(widths.by_metric)} as --tolerance says" * bool(widths.by_metric)
+    remark = _remark(here, golden.environment, wide, widths.strict) + but
     return _ObjectComparison(remark, tuple(cells), tuple(moved))
 
 

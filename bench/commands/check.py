@@ -116,7 +116,7 @@ def check(
     widths = _widths(options.tolerance or (), options.strict)
     verdict = checks.check(directory, widths, options.golden)
     try:
-        drawn = _write_deviations(directory, verdict.moved, thumbnails=options.golden is None)
+        drawn = _write_deviations(directory, verdict.moved, ours=options.golden is None)
     except CannotWrite as error:  # the verdict counts also where the folder is read-only
         drawn = None
         print(f"bench: {error}", file=sys.stderr)
@@ -216,13 +216,11 @@ def _as_junit(directory: Path, verdict: CheckResult) -> str:
     return ElementTree.tostring(suite, encoding="unicode", xml_declaration=True)
 
 
-def _write_deviations(
-    directory: Path, moved: Sequence[GoldenDeviation], thumbnails: bool
-) -> Path | None:
-    """Draw the objects that moved most into a run's folder, beside golden `thumbnails` or truths.
+def _write_deviations(directory: Path, moved: Sequence[GoldenDeviation], ours: bool) -> Path | None:
+    """Draw the objects that moved most into a run's folder, beside golden thumbnails or truths.
 
-    The image is of the first view. Among the metrics of an object with a method at a condition, the
-    one that moved most counts. Without any object an old file is removed. Raises CannotWrite.
+    Only golden values that are `ours` have thumbnails. An image is of the first view; the metric is
+    the one that moved most. Without any object an old file is removed. Raises CannotWrite.
     """
     from bench.checking.objects import SIDE, StoredImages, golden_thumbnails
     from bench.checking.objects import number as rounded
@@ -242,7 +240,7 @@ def _write_deviations(
             raise CannotWrite(f"{path}: cannot be removed ({error.strerror}); remove it") from error
         return None
     stored = StoredImages(directory)
-    before = golden_thumbnails(golden_name(read_manifest(directory))) if thumbnails else None
+    before = golden_thumbnails(golden_name(read_manifest(directory))) if ours else None
     tiles, times = [], IMAGE_SIZE // SIDE
     for deviation in list(worst.values())[:_MOST_MOVED]:
         images = stored.images(deviation.item)

@@ -44,9 +44,9 @@ _MARKS = {
     "a": BOLD,
     "b": BOLD,
     "tie": Annotation("tie", "{value}{interval} ="),
+    "same": Annotation("unchanged", "{value} unchanged"),
 }
 _TOO_FEW = Annotation("too few objects", "{value}{interval} ?")
-_UNCHANGED = Annotation("unchanged", "{value} unchanged")
 # The cell of the second side, by who is ahead.
 _WORDS = {"b": "better", "a": "worse", "tie": "not decided", "unknown": "undecided"}
 _WORDS |= {"same": "unchanged"}
@@ -124,8 +124,8 @@ def difference_cell(row: Row) -> Cell:
     metric, methods = row["metric"], _measured(row)
     digits = decimals(metric, *methods)
     values = f"{shown(row['value_a'], digits)} to {shown(row['value_b'], digits)}: "
-    special = _TOO_FEW if row["objects_needed"] else _MARKS.get(row["ahead"])
-    special = _UNCHANGED if _who(row) == "same" else special
+    who = _who(row)
+    special = _TOO_FEW if row["objects_needed"] and who != "same" else _MARKS.get(who)
     low, high = row["ci_low"], row["ci_high"]
     while (
         row["ahead"] in ("a", "b") and digits < KEPT and not round(min(abs(low), abs(high)), digits)
