@@ -26,8 +26,9 @@ from numpy.typing import NDArray
 from torch import Tensor
 
 from data_prep.failures import BadInput, MissingDependency
+from data_prep.progress import log
 from learning import checkpoint, loss_log
-from learning.configuration import Cadence
+from learning.configuration import Cadence, TimeLimit
 from learning.divergence import DivergenceDetector, TrainingDiverged
 from learning.processes import Processes, connect, local_rank
 from learning.trainer import NetworkTrainer
@@ -35,7 +36,8 @@ from learning.weights import understanding_header
 
 _Built = TypeVar("_Built")
 _RATE_WINDOW_S = 60.0
-_MAY_CHANGE_ON_RESUME = ("steps", "cadence")
+_MARGIN = 0.01  # of a time limit: for the start and the end of the process
+_MAY_CHANGE_ON_RESUME = ("steps", "cadence", "source")
 FULL_RATE = "checkpoint-full-rate.safetensors"  # of the last step before the learning rate falls
 _RANDOM = "random"  # where a trainer's state holds the state of its random generator
 
@@ -45,6 +47,7 @@ class StepReport:
     """The progress after `step` of `steps` steps.
 
     losses        means over the processes
+    images        of all steps, those before a resume included
     images_per_s  of all processes, over the last minute, sheets and checkpoints included
     seconds_left  at that rate; both are None until a second step has been timed
     """
@@ -52,6 +55,7 @@ class StepReport:
     step: int
     steps: int
     losses: Mapping[str, float]
+    images: int
     images_per_s: float | None
     seconds_left: float | None
 
@@ -94,6 +98,8 @@ def train(
     *,
     device: str = "cpu",
     on_progress: _OnProgress = lambda report: None,
+    limit: TimeLimit | None = None,
+    source: str = "",
     **further: Any,
 ) -> Path:
     """Train to `config.steps`, continuing a run in `out_dir`, and return the checkpoint's path.
@@ -107,15 +113,26 @@ def train(
     """
     torch_device = prepare_device(device)
     trainer = kind(learned, config, torch_device, connect(torch_device), **further)
-    return run(trainer, out_dir, on_progress)
+    return run(trainer, out_dir, on_progress, limit, source)
 
 
-def run(trainer: NetworkTrainer, out_dir: Path, on_progress: _OnProgress) -> Path:
+def run(
+    trainer: NetworkTrainer,
+    out_dir: Path,
+    on_progress: _OnProgress,
+    limit: TimeLimit | None = None,
+    source: str = "",
+) -> Path:
     """Train to the steps of the configuration and return the path of the checkpoint.
 
     Continues from a checkpoint in `out_dir`. Where the number of steps has changed, the result is
     that of a training of that length from the beginning: a checkpoint whose last steps depend on
     the old length is replaced by the one that was kept from before them (FULL_RATE).
+
+    limit   ends a training before its last step, early enough to write what the end writes, twice
+            over; how long that takes is seen after the first step, which has a checkpoint for it
+    source  names what the data were made of: data of the same source are continued on though other
+            drivers or processors have made other bits of them; "": equal bits only
 
     Raises BadInput where the checkpoint belongs to another configuration, other data or another
     number of processes, has more steps, or is past the steps that both lengths have in common and
@@ -128,7 +145,7 @@ def run(trainer: NetworkTrainer, out_dir: Path, on_progress: _OnProgress) -> Pat
         if file.exists() and not file.is_file():  # a pipe would be waited for
             raise BadInput(f"{file}: no regular file; remove it, or use another output directory")
     # as a checkpoint gives it back: in JSON tuples are lists
-    stated = dataclasses.asdict(config) | {"data": trainer.fingerprint()}
+    stated = dataclasses.asdict(config) | {"data": trainer.fingerprint(), "source": source}
     identity = json.loads(json.dumps(stated))
     first = _resume(trainer, identity, path) if path.is_file() else 0
     if processes.average({"first": first})["first"] != first:
@@ -140,24 +157,31 @@ def run(trainer: NetworkTrainer, out_dir: Path, on_progress: _OnProgress) -> Pat
     writes = processes.rank == 0
     independent = trainer.independent_steps(config.steps)
     detector = DivergenceDetector(loss_log.read_losses(losses_csv, first)[1])
-    log = loss_log.LossLog(losses_csv, first) if writes else None
+    rows = loss_log.LossLog(losses_csv, first) if writes else None
     rate = _Rate(first)
     last_saved = first if path.is_file() else None
+    ending = _Ending(limit, processes)
+
+    def stopped(step: int, what: str) -> str:
+        good = f"last good checkpoint: step {last_saved}, {path}"
+        return f"step {step}: {what}; {good if last_saved is not None else 'no checkpoint yet'}"
 
     def diverged(step: int, what: str) -> TrainingDiverged:
-        good = f"last good checkpoint: step {last_saved}, {path}"
-        return TrainingDiverged(
-            f"step {step}: {what}; {good if last_saved is not None else 'no checkpoint yet'}"
-        )
+        return TrainingDiverged(stopped(step, what))
 
     unread: list[dict[str, Tensor]] = []
     for step in range(first + 1, config.steps + 1):
-        unread.append(trainer.take_step())
+        try:
+            unread.append(trainer.take_step())
+        except torch.OutOfMemoryError as error:
+            remedy = "give a smaller --batch and another --out, or use a GPU with more memory"
+            raise BadInput(f"{stopped(step, 'the GPU has no memory left')}; {remedy}") from error
         rate.add(step)
-        last = step == config.steps
+        last = step == config.steps or ending.is_due()
+        rehearses = limit is not None and step == first + 1
         logs = step % cadence.log == 0 or last
-        falls_next = step == independent and not last
-        saves = step % cadence.checkpoint == 0 or last or falls_next
+        falls_next = step == independent and step < config.steps
+        saves = step % cadence.checkpoint == 0 or last or falls_next or rehearses
         losses: dict[str, float] = {}
         if logs or saves:
             for number, losses in enumerate(_read(unread, processes), step - len(unread) + 1):
@@ -167,13 +191,13 @@ def run(trainer: NetworkTrainer, out_dir: Path, on_progress: _OnProgress) -> Pat
             unread.clear()
         if logs:
             # before the checkpoint of the same step: then every step of a checkpoint is logged
-            if log:
-                log.add(step, losses)
+            if rows:
+                rows.add(step, losses)
                 images = trainer.batch * processes.count
                 speed = rate.steps_per_s()
                 left = config.steps - step
                 pace = (speed * images, left / speed) if speed else (None, None)
-                on_progress(StepReport(step, config.steps, losses, *pace))
+                on_progress(StepReport(step, config.steps, losses, step * images, *pace))
             if problem := detector.add(losses):
                 raise diverged(step, problem)
         if saves:
@@ -188,11 +212,14 @@ def run(trainer: NetworkTrainer, out_dir: Path, on_progress: _OnProgress) -> Pat
                     checkpoint.save(kept, trainer.kind, step, described, state)
                 checkpoint.save(path, trainer.kind, step, described, state)
             last_saved = step
-        if writes and (step % cadence.sheet == 0 or last):
+        if writes and (step % cadence.sheet == 0 or last or rehearses):
             image = trainer.sheet()
             if image is not None:
                 _write_png(out_dir / "sheets" / f"step-{step:06d}.png", image)
             loss_log.write_loss_curves(losses_csv, out_dir / "losses.png", step)
+        if last:
+            break
+        ending.note(saved=saves)
     processes.average({"done": 1.0})  # nobody goes on before the checkpoint is there for all
     return path
 
@@ -227,7 +254,14 @@ def _resume(trainer: NetworkTrainer, identity: Mapping[str, Any], path: Path) ->
             f"{path}: has {step} steps already, and {steps} are asked for; give --steps {step} or "
             "more, or another output directory"
         )
-    trainer.restore(state)
+    try:
+        trainer.restore(state)
+    except (KeyError, RuntimeError) as error:
+        reason = (str(error).splitlines() or [""])[-1].strip()
+        raise BadInput(
+            f"{path}: does not fit the networks of this version ({reason}); use the version that "
+            "wrote it, or another output directory"
+        ) from error
     return step
 
 
@@ -240,12 +274,18 @@ def _load(
     """
     state, step, config = checkpoint.load(path, trainer.kind)
     processes = trainer.processes
+    same_source = identity["source"] and config.get("source") == identity["source"]
     for key in identity.keys() - set(_MAY_CHANGE_ON_RESUME):
-        if config.get(key) != identity[key]:
+        if config.get(key) != identity[key] and not (key == "data" and same_source):
             raise BadInput(
                 f"{path}: trained with {key} = {config.get(key)!r}, asked for {identity[key]!r}; "
                 "use the same value or another output directory"
             )
+    if same_source and config["data"] != identity["data"] and processes.rank == 0:
+        log(
+            f"{path}: the data are of the same objects but not bit for bit what it was trained on "
+            "(another processor or driver); going on, not exactly as there"
+        )
     count = 1 + sum(key.startswith(f"{_RANDOM}-") for key in state)
     if count != processes.count:
         raise BadInput(
@@ -298,6 +338,33 @@ def prepare_device(
         )
     rank = local_rank()
     return torch.device(device) if device != "cuda" or rank is None else torch.device(device, rank)
+
+
+class _Ending:
+    """When a training has to end, so that a time limit is kept: by what was slow so far."""
+
+    def __init__(self, limit: TimeLimit | None, processes: Processes) -> None:
+        self.limit, self.processes = limit, processes
+        self.steps_s: deque[float] = deque(maxlen=20)  # a GPU is waited for in one step of ten
+        self.writing_s = 0.0
+        self.began = self.done = limit.clock() if limit else 0.0
+
+    def is_due(self) -> bool:
+        """Return whether the step that was just taken is the last; all processes say the same."""
+        if self.limit is None:
+            return False
+        self.done = self.limit.clock()
+        self.steps_s.append(self.done - self.began)
+        reserve = max(self.steps_s) + 3 * self.writing_s + _MARGIN * self.limit.seconds
+        due = {"due": float(self.limit.left_s() < reserve)}
+        return self.processes.average(due)["due"] > 0
+
+    def note(self, *, saved: bool) -> None:
+        """Take the time of what was written since the step."""
+        if self.limit is not None:
+            self.began = self.limit.clock()
+            if saved:
+                self.writing_s = max(self.writing_s, self.began - self.done)
 
 
 class _Rate:

@@ -303,10 +303,10 @@ def _training_header(config: Mapping[str, Any], step: int, apart: Iterable[str])
     """Return how weights were trained, as JSON for their file's header.
 
     It has the configuration, the steps that were taken, and their learning rates. The keys `apart`,
-    which the header has of their own, are left out, and so is what says only how often something
-    was written.
+    which the header has of their own, are left out, and so are how often something was written
+    and the checksum of the names of the data.
     """
-    left_out = {*apart, "cadence"}
+    left_out = {*apart, "cadence", "source"}
     kept = {key: value for key, value in config.items() if key not in left_out}
     return json.dumps(kept | {"steps": step})
 

@@ -58,4 +58,5 @@ class ModelConfig:
 
 
 PAPER = ModelConfig()
+HALF = ModelConfig(width=0.5)
 LITE = ModelConfig(width=0.25)

@@ -294,6 +294,16 @@ class GanTrainer(NetworkTrainer):
             generator.append(f"discriminator {config.discriminator_lr:g}")
         return ", ".join(generator)
 
+    def restore(self, state: Mapping[str, Tensor]) -> None:
+        """Restore what `state` has returned, and the codes of the encoder in it.
+
+        On another machine the axes of the codes may point the other way (`decorrelated`).
+        """
+        super().restore(state)
+        if not self.paired:
+            codes = encode_clouds(self.encoder, self.clouds.numpy(), self.device)
+            self.codes = (codes - self.code_mean) / self.code_std
+
     @torch.no_grad()
     def sheet(self) -> NDArray[np.uint8]:
         """Return two rows: real images, and the averaged generator's of the same (z = 0)."""

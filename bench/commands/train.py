@@ -20,11 +20,19 @@ from bench.commands.options import (
     path_option,
 )
 from bench.training.options import OPTIONS
+from learning.configuration import TimeLimit
 
 app = typer.Typer(cls=Group, help="Train the networks.", **SETTINGS)
 Seed = Annotated[int, typer.Option(help="Seed of initial weights and batches.")]
 OUT = "Folder of the training; an earlier training in it is continued."
 Folder = Annotated[Path, path_option(OUT)]
+
+
+def _time_limit(text: str | None) -> TimeLimit | None:
+    from bench.running.plan import seconds_of
+
+    return None if text is None else TimeLimit(seconds_of(text, "--for"), text)
+
 
 TRAIN_OPTIONS: dict[str, str | OptionSpec] = {
     "out": OUT,
@@ -39,6 +47,14 @@ TRAIN_OPTIONS: dict[str, str | OptionSpec] = {
     "objects": "Objects of each class. Default: 1500 procedural ones, or all of a folder.",
     "augment": "Also train on clouds with noise and with fewer points.",
     "steps": "Steps in total, with those done before a resume.",
+    "limit": OptionSpec(
+        "Time for the whole command: it ends in time with a checkpoint, from which the same "
+        "command goes on. Default: no limit.",
+        flag="--for",
+        metavar="90s|2m|1.5h",
+        kind=str | None,
+        convert=_time_limit,
+    ),
     "batch": "Images or clouds in a step.",
     "precision": "Number format of the training step; weights are float32.",
     "device": OptionSpec(DEVICE, kind=Device),
@@ -69,7 +85,7 @@ TRAININGS: dict[str, tuple[str, dict[str, str | OptionSpec]]] = {
         "Train the point-cloud autoencoder (paper, section 3.1).",
         TRAIN_OPTIONS
         | {
-            "width": "Channels: as in the paper, or a quarter as many (lite).",
+            "width": "Channels: as in the paper, half, or a quarter (lite) as many.",
             "encoder": "Encoder: the paper's, or one that does not depend on the order of points.",
             "latent_dim": OptionSpec("Length of the code, in numbers.", flag="--latent"),
             "learning_rate": "Learning rate of RMSprop.",

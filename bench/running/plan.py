@@ -225,12 +225,12 @@ def digest(identity: Sequence[Any]) -> str:
     return hashlib.sha256(json.dumps(identity).encode()).hexdigest()
 
 
-def seconds_of(text: str) -> float:
+def seconds_of(text: str, option: str = "--budget") -> float:
     """Return the seconds of a time like "90s", "2m" or "1.5h". Raises BadInput for other texts."""
     match = re.fullmatch(r"([0-9]{1,9}(?:\.[0-9]{1,9})?)([smh])", text.strip())
     seconds = float(match[1]) * _UNITS_S[match[2]] if match else 0.0
     if not seconds:
-        raise BadInput(f"--budget {text}: give a time over 0 with its unit, as in 90s, 2m or 1.5h")
+        raise BadInput(f"{option} {text}: give a time over 0 with its unit, as in 90s, 2m or 1.5h")
     return seconds
 
 

@@ -5,7 +5,10 @@ Each goes on with the training that is in its folder.
 
 from __future__ import annotations
 
-from collections.abc import Callable, Sequence
+import hashlib
+import signal
+from collections.abc import Callable, Iterator, Sequence
+from contextlib import contextmanager
 from dataclasses import fields, replace
 from pathlib import Path
 from typing import Any, TypeVar
@@ -38,11 +41,14 @@ from data_prep.datasets.training_set import (
     training_set,
 )
 from data_prep.failures import BadInput
-from data_prep.progress import progress, step_progress
+from data_prep.files.checksums import file_sha256
+from data_prep.progress import log, progress, step_progress
 from learning import training_loop
+from learning.configuration import TimeLimit
 from learning.processes import is_first
-from learning.trainer import NetworkTrainer
-from pc2pix.model import LITE, PAPER
+from learning.trainer import CooledTrainer, NetworkTrainer
+from learning.training_loop import StepReport
+from pc2pix.model_config import HALF, LITE, PAPER
 from pc2pix.train_autoencoder import AutoencoderTrainer, load_encoder
 from pc2pix.train_decoder import DecoderTrainer
 from pc2pix.train_gan import GanTrainer
@@ -62,28 +68,58 @@ def train(name: str, options: Any) -> Path:
     """
     if options.threads is not None:
         torch.set_num_threads(options.threads)
-    return _TRAININGS[name](options)
+    training_loop.prepare_device(options.device)  # data take minutes: refuse before them
+    with _data_in_time(options.limit, options.out):
+        return _TRAININGS[name](options)
+
+
+@contextmanager
+def _data_in_time(limit: TimeLimit | None, out: Path) -> Iterator[None]:
+    """Raise BadInput inside where the time is over before the steps begin: `_train` calls it off.
+
+    As Ctrl-C does it interrupts whatever is done, and what is written stays whole.
+    """
+    if limit is None:
+        yield
+        return
+    before = signal.signal(signal.SIGALRM, signal.default_int_handler)
+    signal.setitimer(signal.ITIMER_REAL, max(limit.left_s(), 1e-3))
+    try:
+        yield
+    except KeyboardInterrupt:
+        if limit.left_s() > 0:
+            raise
+        raise BadInput(
+            f"--for {limit.text}: over before the first step, while the data were made; what {out} "
+            "has is kept; give more time, or fewer --objects"
+        ) from None
+    finally:
+        signal.setitimer(signal.ITIMER_REAL, 0)
+        signal.signal(signal.SIGALRM, before)
 
 
 def _autoencoder(options: Any) -> Path:
     sizes = {"encoder": options.encoder, "latent_dim": options.latent_dim}
-    model = replace({"lite": LITE, "paper": PAPER}[options.width], **sizes)
-    clouds = training_clouds(training_objects(options), quiet=not is_first())
+    model = replace({"lite": LITE, "half": HALF, "paper": PAPER}[options.width], **sizes)
+    objects = training_objects(options)
+    clouds = training_clouds(objects, quiet=not is_first())
     config = _config(AutoencoderConfig, options, model=model)
-    return _train(AutoencoderTrainer, AutoencoderData(clouds), config, options)
+    return _train(AutoencoderTrainer, AutoencoderData(clouds), config, options, objects)
 
 
 def _gan(options: Any) -> Path:
     start = None if options.start is None else load_weights(options.start)
+    encoder_file = ""
     if start is None:
-        encoder = load_encoder(options.autoencoder)
+        encoder, encoder_file = load_encoder(options.autoencoder), file_sha256(options.autoencoder)
         model = replace(encoder.config, azimuth=options.azimuth)
     else:
         encoder, model = start.encoder, start.generator.config
     config = _config(GanConfig, options, model=model, start=start.sha256 if start else None)
-    views = training_set(training_objects(options), options.views, quiet=not is_first())
-    learned = GanData(**vars(views)), encoder
-    checkpoint = _train(GanTrainer, learned, config, options, start=start)
+    objects = training_objects(options)
+    views = training_set(objects, options.views, quiet=not is_first())
+    learned, more = (GanData(**vars(views)), encoder), {"start": start, "also": encoder_file}
+    checkpoint = _train(GanTrainer, learned, config, options, objects, **more)
     return _exported(checkpoint, options.out / "weights.safetensors", export)
 
 
@@ -96,9 +132,10 @@ def _splat_net(options: Any) -> Path:
     config = _config(
         SplatNetConfig, options, network=network, start=start.sha256 if start else None
     )
-    data = _surfaces(training_objects(options), options.views)
+    objects = training_objects(options)
+    data = _surfaces(objects, options.views)
     more = {"start": start.network if start else None, "features": features}
-    checkpoint = _train(SplatNetTrainer, data, config, options, **more)
+    checkpoint = _train(SplatNetTrainer, data, config, options, objects, **more)
     return _export_both(checkpoint, options.out, network, splat_net_weights.PACKAGE)
 
 
@@ -130,14 +167,15 @@ def _fused_net(options: Any) -> Path:
     if not options.steps:
         return options.out / FOLDER
     more = {"start": start.network if start else None, "features": features}
-    checkpoint = _train(FusedNetTrainer, data, config, options, **more)
+    checkpoint = _train(FusedNetTrainer, data, config, options, objects, **more)
     return _export_both(checkpoint, options.out, network, FUSED_NET)
 
 
 def _occupancy_net(options: Any) -> Path:
-    data = occupancy_set(training_objects(options), quiet=not is_first())
+    objects = training_objects(options)
+    data = occupancy_set(objects, quiet=not is_first())
     config = _config(OccupancyNetConfig, options)
-    checkpoint = _train(OccupancyNetTrainer, data, config, options)
+    checkpoint = _train(OccupancyNetTrainer, data, config, options, objects)
     return _exported(checkpoint, options.out / "weights.safetensors", occupancy_net_weights.export)
 
 
@@ -151,10 +189,11 @@ def _decoder(options: Any) -> Path:
     objects = tuple(ProceduralObject("chair", "train", i) for i in range(count))
     data = AutoencoderData(training_clouds(objects, quiet=not is_first()))
     config = _config(DecoderConfig, options, weights=weights.sha256, model=weights.encoder.config)
-    checkpoint = _train(DecoderTrainer, data, config, options, weights=weights)
+    checkpoint = _train(DecoderTrainer, data, config, options, objects, weights=weights)
     return _exported(checkpoint, decoder_path(options.weights), export_decoder)
 
 
+_OF_IMAGES = ("gan", "splat-net", "fused-net")  # a step's batch; of the others it is of clouds
 _TRAININGS = {
     "autoencoder": _autoencoder,
     "gan": _gan,
@@ -166,19 +205,56 @@ _TRAININGS = {
 
 
 def _train(
-    kind: type[NetworkTrainer], learned: Any, config: Any, options: Any, **further: Any
+    kind: type[NetworkTrainer],
+    learned: Any,
+    config: Any,
+    options: Any,
+    objects: Sequence[SceneObject],
+    also: str = "",
+    **further: Any,
 ) -> Path:
-    """Train and return the checkpoint; show progress on stderr."""
+    """Train and return the checkpoint; show progress on stderr, and how it ended before its end.
+
+    `objects`, and the checksum of what is learned from `also`, name the data on any machine.
+    """
+    made_of = repr((*(obj.fingerprint() for obj in objects), options.views, also))
+    reports: list[StepReport] = []
+    if options.limit is not None:
+        signal.setitimer(signal.ITIMER_REAL, 0)  # from here on steps watch the clock
     with step_progress(kind.kind, quiet=not is_first()) as show:
-        return training_loop.train(
+
+        def on_progress(report: StepReport) -> None:
+            reports[:] = [report]
+            show(report)
+
+        checkpoint = training_loop.train(
             kind,
             learned,
             config,
             options.out,
             device=options.device,
-            on_progress=show,
+            on_progress=on_progress,
+            limit=options.limit,
+            source=hashlib.sha256(made_of.encode()).hexdigest(),
             **further,
         )
+    if reports and reports[0].step < config.steps:
+        log(_ended_early(kind, config, options, reports[0]))
+    return checkpoint
+
+
+def _ended_early(kind: type[NetworkTrainer], config: Any, options: Any, reached: StepReport) -> str:
+    """Return the line about a training that its time limit has ended."""
+    seen = f"{reached.images:,} {'images' if kind.kind in _OF_IMAGES else 'clouds'}"
+    said = f"{kind.kind}: --for {options.limit.text} ended it after step {reached.step} of "
+    said += f"{reached.steps}, {seen}; the same command goes on from {options.out}"
+    if issubclass(kind, CooledTrainer) and config.cool_down:
+        steps = reached.step + config.cool_down
+        said += f"; its learning rate falls over the last {config.cool_down} steps, "
+        said += "and has not fallen to the end"
+        if steps < config.steps:
+            said += f": --steps {steps} ends it with the fall from here"
+    return said
 
 
 def training_objects(options: Any) -> tuple[SceneObject, ...]:

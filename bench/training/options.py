@@ -12,6 +12,7 @@ from typing import Any, Literal
 from baselines.fused_net.config import FusedNetConfig
 from baselines.occupancy_net.config import OccupancyNetConfig
 from baselines.splat_net.config import SplatNetConfig
+from learning.configuration import TimeLimit
 from pc2pix.training_configs import AutoencoderConfig, DecoderConfig, GanConfig
 
 DEFAULT_OBJECTS = 1500
@@ -24,6 +25,7 @@ class TrainingOptions:
     classes  to train on; empty: all of the dataset
     objects  of each class; None: DEFAULT_OBJECTS, or all of a dataset with an end
     threads  of torch on the CPU; None: its choice
+    limit    the time for the whole command; None: none
     """
 
     dataset: str = "procedural"
@@ -33,6 +35,7 @@ class TrainingOptions:
     precision: Literal["float32", "bfloat16"] = "float32"
     device: str = "cpu"
     threads: int | None = None
+    limit: TimeLimit | None = None
     out: Path
 
 
@@ -62,7 +65,7 @@ OPTIONS: dict[str, type[Any]] = {
     "autoencoder": _options_of(
         "autoencoder",
         AutoencoderConfig,
-        width=(Literal["lite", "paper"], "lite"),
+        width=(Literal["lite", "half", "paper"], "lite"),
         encoder=(Literal["paper", "pointnet"], "paper"),
         latent_dim=(int, 32),
     ),

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import math
+import shutil
 import sys
 
 import pytest
@@ -11,6 +12,7 @@ from PIL import Image
 
 from data_prep.failures import BadInput
 from learning import checkpoint
+from learning.configuration import TimeLimit
 
 from .trainings import TRAININGS
 
@@ -91,6 +93,25 @@ def test_a_killed_run_resumes_bit_for_bit_and_may_be_lengthened(name, tmp_path):
             assert image.size == train.sheet
     assert (folder / "losses.png").stat().st_size > 1000
     assert not list(folder.glob(".*"))
+
+
+@pytest.mark.parametrize("name", [case for case in EACH if TRAININGS[case.id].sheet])
+def test_what_a_time_limit_ended_goes_on_elsewhere_bit_for_bit(name, tmp_path):
+    """A step's report takes 10 s, and thrice that is kept for the end: of 60 s four steps are left.
+
+    The first has a checkpoint and a sheet, which show how long they take."""
+    train, folder, now = TRAININGS[name], tmp_path / "here", [0.0]
+
+    def on_progress(report):
+        now[0] += 10.0
+        assert (folder / checkpoint.FILE_NAME).exists() == (report.step > 1)
+
+    path = train(folder, 6, on_progress, TimeLimit(60.0, "1m", lambda: now[0]))
+    assert checkpoint.load(path, train.kind)[1] == 4
+    sheets = sorted(sheet.name for sheet in (folder / "sheets").glob("*"))
+    assert sheets == ["step-000001.png", "step-000004.png"]
+    moved = shutil.copytree(folder, tmp_path / "elsewhere")
+    require_equal(train(tmp_path / "whole", 6), train(moved, 6), train.kind, 6)
 
 
 @pytest.mark.slow

@@ -76,10 +76,10 @@ class Annealed(Counter):
         return max(0, steps - 3)
 
 
-def start(out_dir, config, trainer=None, **more):
+def start(out_dir, config, trainer=None, source="", **more):
     trainer = trainer or Counter(config, **more)
     reports = []
-    path = training_loop.run(trainer, out_dir, reports.append)
+    path = training_loop.run(trainer, out_dir, reports.append, source=source)
     return [report.step for report in reports], checkpoint.load(path, "counter")
 
 
@@ -189,6 +189,36 @@ def test_another_run_is_not_continued(tmp_path, config, data, message):
         start(tmp_path, config, data=data)
     assert "\n" not in str(error.value)
     assert (tmp_path / checkpoint.FILE_NAME).read_bytes() == before
+
+
+def test_other_bits_of_the_same_source_are_continued_on_and_said(tmp_path, capsys):
+    start(tmp_path, Config(steps=2), source="a")
+    assert start(tmp_path, Config(steps=3), source="a", data=1)[0] == [3]
+    assert "not bit for bit what it was trained on" in capsys.readouterr().err
+    assert start(tmp_path, Config(steps=4), source="a", data=1)[0] == [4]
+    assert capsys.readouterr().err == ""
+    with pytest.raises(BadInput, match="data = "):
+        start(tmp_path, Config(steps=5), source="b", data=0)
+
+
+def test_a_checkpoint_of_other_networks(tmp_path):
+    start(tmp_path, Config(steps=2))
+    with pytest.raises(BadInput, match=r"safetensors: does not fit the networks .*'total'"):
+        start(tmp_path, Config(steps=2), Annealed(Config(steps=2)))
+
+
+@pytest.mark.parametrize(("step", "good"), [(1, "no checkpoint yet"), (4, "checkpoint: step 2, ")])
+def test_a_gpu_without_memory_is_one_line(tmp_path, step, good):
+    class Large(Counter):
+        def take_step(self):
+            if int(self.steps_done) + 1 == step:
+                raise torch.OutOfMemoryError("CUDA out of memory.\nTried to allocate 2 GiB")
+            return super().take_step()
+
+    with pytest.raises(BadInput, match=f"^step {step}: the GPU has no memory left; .*{good}") as e:
+        start(tmp_path, Config(steps=9), Large(Config(steps=9)))
+    assert "; give a smaller --batch and another --out" in str(e.value)
+    assert "\n" not in str(e.value)
 
 
 @pytest.mark.parametrize(

@@ -160,7 +160,7 @@ class Training:
     def kind(self):
         return self.trainer.kind
 
-    def __call__(self, out_dir, steps, on_progress=lambda report: None, **changes):
+    def __call__(self, out_dir, steps, on_progress=lambda report: None, limit=None, **changes):
         learned, fields, further = self.parts(out_dir)
         stated = {"steps": steps, "cadence": CADENCE} | fields | self.changes | changes
         config = self.config(**stated)
@@ -170,7 +170,7 @@ class Training:
                     self.trainer(learned, config, **further), out_dir, on_progress
                 )
         return training_loop.train(
-            self.trainer, learned, config, out_dir, on_progress=on_progress, **further
+            self.trainer, learned, config, out_dir, on_progress=on_progress, limit=limit, **further
         )
 
 

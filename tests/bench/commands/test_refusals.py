@@ -247,6 +247,11 @@ CASES: dict[str, str] = {
     "train splat-net --start chair --network tiny": "--start chair: is of widths (16, 32, 64, 128",
     "train splat-net --batch 7": "batch 7: 2 views of a cloud are drawn together; use a multiple o",
     "train splat-net --views 1": "1 views of an object: at least 2 are drawn together; render more",
+    **{
+        f"train gan --for {text}": f"--for {text}: give a time over 0 with its unit, as in 90s, 2m"
+        for text in ("0s", "-1m", "soon", "9")
+    },
+    "train autoencoder --objects 1 --out x --for 0.001s": "--for 0.001s: over before the first ste",
     "train constant --views 0": "--views 0: must be at least 1",
     "train views --epochs -1": "--epochs -1: must be at least 1",
     "train judge --objects 47": "--objects 47 --views 16 --steps 3000: give at least 48 objects",

@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+import itertools
+import time
 from pathlib import Path
 
 import pytest
@@ -119,6 +121,22 @@ def test_occupancy_net_from_the_command_line_to_a_method(command, tmp_path):
     weights = method.load("cpu").weights
     assert weights.card["learning_rates"] == "0.001"  # the last step is at full rate
     assert method.identity().endswith(weights.sha256)
+
+
+def test_a_time_limit_ends_a_training_with_weights(command, tmp_path, monkeypatch):
+    """Each look at the clock takes a second."""
+    monkeypatch.setattr(time, "monotonic", itertools.count().__next__)
+    options = ("--batch", "2", "--steps", "1000", "--cool-down", "100", "--for", "40s")
+    out = tmp_path / "x"
+    status, said, err = command("train", "occupancy-net", *options, "--objects", "2", "--out", out)
+    assert (status, said) == (0, f"{out / 'weights.safetensors'}\n")
+    steps = find_method(f"occupancy-net@{said.strip()}").load("cpu").weights.card["steps"]
+    assert 1 < steps < 20
+    assert err.splitlines()[-1] == (
+        f"occupancy-net: --for 40s ended it after step {steps} of 1000, {2 * steps} clouds; the "
+        f"same command goes on from {out}; its learning rate falls over the last 100 steps, and "
+        f"has not fallen to the end: --steps {steps + 100} ends it with the fall from here"
+    )
 
 
 def test_occupancy_net_is_not_trained_on_sheets(command, tmp_path):
