@@ -36,7 +36,7 @@ from learning.weights import understanding_header
 
 _Built = TypeVar("_Built")
 _RATE_WINDOW_S = 60.0
-_MARGIN = 0.01  # of a time limit: for the start and the end of the process
+_MARGIN, _MARGIN_S = 0.01, 2.0  # of a time limit, and s: the start and the end of the process
 _MAY_CHANGE_ON_RESUME = ("steps", "cadence", "source")
 FULL_RATE = "checkpoint-full-rate.safetensors"  # of the last step before the learning rate falls
 _RANDOM = "random"  # where a trainer's state holds the state of its random generator
@@ -179,7 +179,7 @@ def run(
         rate.add(step)
         last = step == config.steps or ending.is_due()
         rehearses = limit is not None and step == first + 1
-        logs = step % cadence.log == 0 or last
+        logs = step % cadence.log == 0 or last or rehearses
         falls_next = step == independent and step < config.steps
         saves = step % cadence.checkpoint == 0 or last or falls_next or rehearses
         losses: dict[str, float] = {}
@@ -355,7 +355,7 @@ class _Ending:
             return False
         self.done = self.limit.clock()
         self.steps_s.append(self.done - self.began)
-        reserve = max(self.steps_s) + 3 * self.writing_s + _MARGIN * self.limit.seconds
+        reserve = max(self.steps_s) + 3 * self.writing_s + _MARGIN * self.limit.seconds + _MARGIN_S
         due = {"due": float(self.limit.left_s() < reserve)}
         return self.processes.average(due)["due"] > 0
 

@@ -154,8 +154,7 @@ class GanTrainer(NetworkTrainer):
 
     def _images(self, objects: Tensor, views: Tensor) -> Tensor:
         """Return real images [B, 3, 128, 128] in [-1, 1], channels last."""
-        device = self.images.device
-        nhwc = self.images[objects.to(device), views.to(device)]
+        nhwc = self.images[self._sent(objects), self._sent(views)]
         return nhwc.permute(0, 3, 1, 2).float() / 127.5 - 1
 
     def _draw_real(self) -> tuple[Tensor, Conditioning]:
@@ -168,7 +167,11 @@ class GanTrainer(NetworkTrainer):
         elevation = self.elevation01[objects, views, None]
         azimuth = self.azimuth01[objects, views, None]
         parts = (self._codes(objects), elevation, azimuth)
-        return Conditioning(*(part.to(self.device) for part in parts))
+        return Conditioning(*(self._sent(part) for part in parts))
+
+    def _sent(self, tensor: Tensor) -> Tensor:
+        # without waiting for the device, which would be idle until the next work comes
+        return tensor.to(self.device, non_blocking=True)
 
     @torch.no_grad()
     def _codes(self, objects: Tensor) -> Tensor:
@@ -183,7 +186,7 @@ class GanTrainer(NetworkTrainer):
         objects = torch.randint(len(self.codes), (self.batch,), generator=self.random)
         elevation, azimuth = torch.rand(2, self.batch, 1, generator=self.random)
         parts = (self._codes(objects), elevation, azimuth)
-        return noise.to(self.device), Conditioning(*(part.to(self.device) for part in parts))
+        return self._sent(noise), Conditioning(*(self._sent(part) for part in parts))
 
     def take_step(self) -> dict[str, Tensor]:
         """Take a step of both networks, or in the warm-up of one, and return the losses."""
@@ -201,7 +204,7 @@ class GanTrainer(NetworkTrainer):
             fake_images = self.generator(noise, *fake)
         on_discriminator = self._train_discriminator(real_images, real, fake_images, fake)
         if self.steps_done < self.config.warm_up:
-            return on_discriminator | _absent("g")
+            return on_discriminator | _absent("g", self.device)
         noise, fake = self._draw_fake()
         with self.autocast():
             fake_images = self.generator(noise, *fake)
@@ -221,7 +224,7 @@ class GanTrainer(NetworkTrainer):
         total = self.objective.reconstruction_weight * error
         if self.steps_done < self.config.warm_up:
             self._train_generator(total)
-            return {"reconstruction": error.detach()} | _absent("dg")
+            return {"reconstruction": error.detach()} | _absent("dg", self.device)
         condition = Conditioning(code.detach(), *angles)
         on_discriminator = self._train_discriminator(
             scene.images, condition, drawn.detach(), condition
@@ -322,12 +325,13 @@ class GanTrainer(NetworkTrainer):
         return ((rows + 1) * 127.5).round().clamp(0, 255).byte().cpu().numpy()
 
 
-def _absent(networks: str) -> dict[str, Tensor]:
+def _absent(networks: str, device: torch.device) -> dict[str, Tensor]:
     """Return zeros for the terms of networks ("d", "g") that a step leaves out.
 
     So losses.csv has the same columns from the first step to the last.
     """
-    return {f"{who}_{term}": torch.zeros(()) for who in networks for term in LossTerms._fields}
+    zero = torch.zeros((), device=device)
+    return {f"{who}_{term}": zero for who in networks for term in LossTerms._fields}
 
 
 def _detached(terms: Mapping[str, Tensor]) -> dict[str, Tensor]:

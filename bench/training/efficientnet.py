@@ -57,12 +57,15 @@ class _Layer:
 
 
 class EfficientNet:
-    """The first convolutions of EfficientNet-Lite0, in one precision."""
+    """The first convolutions of EfficientNet-Lite0, in one precision, on a device."""
 
-    def __init__(self, path: Path, dtype: torch.dtype = torch.float32) -> None:
+    def __init__(
+        self, path: Path, dtype: torch.dtype = torch.float32, device: torch.device | str = "cpu"
+    ) -> None:
         """Read the weights. Raises BadInput where the file is not the published one."""
         self.dtype = dtype
-        layer = functools.partial(_layer, read_tensors(path, WEIGHTS), dtype)
+        tensors = {name: value.to(device) for name, value in read_tensors(path, WEIGHTS).items()}
+        layer = functools.partial(_layer, tensors, dtype)
         self._stem = layer("_conv_stem", "_bn0", stride=2)
         strides = itertools.chain(*((stride, *[1] * (n - 1)) for n, stride in STAGES))
         self._blocks = []
@@ -116,6 +119,6 @@ def _layer(
 
 
 @functools.lru_cache(maxsize=1)
-def load_efficientnet(path: Path) -> EfficientNet:
+def load_efficientnet(path: Path, device: torch.device | str = "cpu") -> EfficientNet:
     """Return an `EfficientNet` in float32; the last is kept. Raises as the class."""
-    return EfficientNet(path)
+    return EfficientNet(path, device=device)

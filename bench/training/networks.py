@@ -102,7 +102,7 @@ def _autoencoder(options: Any) -> Path:
     sizes = {"encoder": options.encoder, "latent_dim": options.latent_dim}
     model = replace({"lite": LITE, "half": HALF, "paper": PAPER}[options.width], **sizes)
     objects = training_objects(options)
-    clouds = training_clouds(objects, quiet=not is_first())
+    clouds = training_clouds(objects, **_making())
     config = _config(AutoencoderConfig, options, model=model)
     return _train(AutoencoderTrainer, AutoencoderData(clouds), config, options, objects)
 
@@ -117,14 +117,14 @@ def _gan(options: Any) -> Path:
         encoder, model = start.encoder, start.generator.config
     config = _config(GanConfig, options, model=model, start=start.sha256 if start else None)
     objects = training_objects(options)
-    views = training_set(objects, options.views, quiet=not is_first())
+    views = training_set(objects, options.views, **_making())
     learned, more = (GanData(**vars(views)), encoder), {"start": start, "also": encoder_file}
     checkpoint = _train(GanTrainer, learned, config, options, objects, **more)
     return _exported(checkpoint, options.out / "weights.safetensors", export)
 
 
 def _splat_net(options: Any) -> Path:
-    features = compared_features(options.objective)
+    features = compared_features(options.objective, device=options.device)
     network = _find_network(options.network)
     if network.body == "splat-net":
         network = replace(network, heads=COLOUR_HEADS[options.colours])
@@ -141,7 +141,7 @@ def _splat_net(options: Any) -> Path:
 
 def _fused_net(options: Any) -> Path:
     check_meshes(options.meshes, "--meshes")
-    features = compared_features(options.objective)
+    features = compared_features(options.objective, device=options.device)
     network = _find_network(options.network)
     inputs = replace(network.inputs, meshes=options.meshes)
     network = replace(network, inputs=inputs, heads=COLOUR_HEADS["image"])
@@ -187,7 +187,7 @@ def _decoder(options: Any) -> Path:
             raise BadInput(f"--{name} {value}: must be at least 1")
     weights = load_weights(options.weights)
     objects = tuple(ProceduralObject("chair", "train", i) for i in range(count))
-    data = AutoencoderData(training_clouds(objects, quiet=not is_first()))
+    data = AutoencoderData(training_clouds(objects, **_making()))
     config = _config(DecoderConfig, options, weights=weights.sha256, model=weights.encoder.config)
     checkpoint = _train(DecoderTrainer, data, config, options, objects, weights=weights)
     return _exported(checkpoint, decoder_path(options.weights), export_decoder)
@@ -245,7 +245,9 @@ def _train(
 
 def _ended_early(kind: type[NetworkTrainer], config: Any, options: Any, reached: StepReport) -> str:
     """Return the line about a training that its time limit has ended."""
-    seen = f"{reached.images:,} {'images' if kind.kind in _OF_IMAGES else 'clouds'}"
+    what = "images" if kind.kind in _OF_IMAGES else "clouds"
+    pace = f" ({reached.images_per_s:.1f}/s)" if reached.images_per_s else ""
+    seen = f"{reached.images:,} {what}{pace}"
     said = f"{kind.kind}: --for {options.limit.text} ended it after step {reached.step} of "
     said += f"{reached.steps}, {seen}; the same command goes on from {options.out}"
     if issubclass(kind, CooledTrainer) and config.cool_down:
@@ -277,9 +279,11 @@ def _find_network(name: str) -> NetworkConfig:
 
 
 def compared_features(
-    objective: str, find: Callable[[], Path] = efficientnet.WEIGHTS.find
+    objective: str, find: Callable[[], Path] = efficientnet.WEIGHTS.find, device: str = "cpu"
 ) -> FeatureMaps | None:
     """Return the maps that an objective compares; None where it compares none, or is unknown.
+
+    They are computed on `device`, as `learning.training_loop.train` takes it.
 
     Raises BadInput where the package with the weights, whose file `find` returns, is absent.
     """
@@ -287,7 +291,8 @@ def compared_features(
     if chosen is None or not chosen.features:
         return None
     try:
-        return efficientnet.load_efficientnet(find()).first_maps
+        place = training_loop.prepare_device(device)
+        return efficientnet.load_efficientnet(find(), place).first_maps
     except WeightsUnavailable as error:
         raise BadInput(
             f"--objective {objective}: {error}; or choose --objective relief, which compares none"
@@ -295,8 +300,13 @@ def compared_features(
 
 
 def _surfaces(objects: Sequence[SceneObject], views: int) -> SurfaceSet:
-    quiet = not is_first()
-    return add_surfaces(training_set(objects, views, quiet=quiet), objects, quiet=quiet)
+    seen = training_set(objects, views, **_making())
+    return add_surfaces(seen, objects, quiet=not is_first())
+
+
+def _making() -> dict[str, Any]:
+    """Return how data are made: by as many processes as PyTorch has threads, which then rest."""
+    return {"quiet": not is_first(), "workers": torch.get_num_threads()}
 
 
 def _exported(checkpoint: Path, weights: Path, write: Callable[[Path, Path], str]) -> Path:

@@ -7,7 +7,12 @@ import pytest
 
 from data_prep.datasets.folder import BareCloud
 from data_prep.datasets.registry import MeshFile, ProceduralObject
-from data_prep.datasets.training_set import TrainingSet, add_surfaces, training_set
+from data_prep.datasets.training_set import (
+    TrainingSet,
+    add_surfaces,
+    training_clouds,
+    training_set,
+)
 from data_prep.failures import BadInput
 from data_prep.randomness import generator
 from data_prep.rendering.camera import FOCAL_PX
@@ -32,6 +37,17 @@ def test_cloud_and_images_are_those_that_an_object_gives_apart(made: TrainingSet
         assert made.images[i].tobytes() == obj.truth(views).tobytes()
         cloud = obj.cloud(generator("training cloud", *key))
         assert made.clouds[i].tobytes() == cloud.points.tobytes()
+
+
+def test_several_processes_make_the_same_data(made: TrainingSet, monkeypatch) -> None:
+    """Also where an object of theirs cannot be loaded."""
+    monkeypatch.setattr("data_prep.datasets.training_set._FEWEST_A_WORKER", 1)
+    several = training_set(OBJECTS, 2, seed=SEED, quiet=True, workers=2)
+    for name, array in vars(made).items():
+        assert array.tobytes() == getattr(several, name).tobytes()
+    gone = MeshFile("chair", "gone.ply", Path("gone.ply"))
+    with pytest.raises(BadInput, match="no such file"):
+        training_clouds([gone, gone], quiet=True, workers=2)
 
 
 def test_a_mesh_is_loaded_once_and_the_seed_decides(capsys) -> None:
