@@ -112,6 +112,7 @@ def train(
     Raises as `prepare_device`, `learning.processes.connect` and `run`.
     """
     torch_device = prepare_device(device)
+    torch.backends.cudnn.benchmark = torch_device.type == "cuda"  # shapes hardly change
     trainer = kind(learned, config, torch_device, connect(torch_device), **further)
     return run(trainer, out_dir, on_progress, limit, source)
 

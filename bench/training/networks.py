@@ -83,7 +83,8 @@ def _data_in_time(limit: TimeLimit | None, out: Path) -> Iterator[None]:
         yield
         return
     before = signal.signal(signal.SIGALRM, signal.default_int_handler)
-    signal.setitimer(signal.ITIMER_REAL, max(limit.left_s(), 1e-3))
+    # again and again: packages that are being imported may swallow an exception
+    signal.setitimer(signal.ITIMER_REAL, max(limit.left_s(), 1e-3), 1.0)
     try:
         yield
     except KeyboardInterrupt:
