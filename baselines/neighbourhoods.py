@@ -14,7 +14,7 @@ import numpy as np
 from scipy.sparse import csr_array
 from scipy.spatial import KDTree
 
-from baselines.splat_net.eigenpairs import smallest_eigenpairs
+from baselines.eigenpairs import smallest_eigenpairs
 from data_prep.arrays import Floats
 
 NEIGHBOURS = 10  # of a point, itself among them; that of the paper's reconstruction

@@ -37,8 +37,8 @@ from baselines.reconstruction.denoised import (
     MOST_LEFT_OUT,
     NOISY,
     dense_part,
-    even_sample,
     noise_scale,
+    searched,
 )
 from baselines.reconstruction.stages import check_points, spacing
 from baselines.splat import MAX_RADIUS_PX
@@ -82,11 +82,11 @@ class SplatFill:
         check_points(cloud.points, 1, "images")
         points = np.unique(cloud.points, axis=0)
         points = points[:: -(-len(points) // MOST_POINTS)]
-        noise = noise_scale(points)
-        between = spacing(points)
+        near, sample = searched(points)
+        noise, between = noise_scale(sample), spacing(near)
         notes: tuple[str, ...] = (f"noise: {noise:.3f}",)
-        exact = points.astype(np.float64)
-        if noise > NOISY * spacing(even_sample(points)):
+        exact = near.points
+        if noise > NOISY * spacing(sample):
             exact = _smoothed(exact, noise, between)
             notes += (f"smoothed: {_ROUNDS} times, {len(exact)} of {len(points)} kept",)
         (planes,) = fit_planes(exact, (HOPS,))

@@ -22,6 +22,9 @@ from baselines.splat_net.train import (
     SplatNetTrainer,
 )
 from data_prep.datasets.training_set import SurfaceSet
+from data_prep.rendering.raycast import MAPS
+
+ALONE = 0.5  # share of the clouds without noise of which only the first mesh is seen
 
 
 class FusedNetTrainer(SplatNetTrainer):
@@ -33,6 +36,7 @@ class FusedNetTrainer(SplatNetTrainer):
         super().__init__(learned, config, *place, **more)
         data = learned
         self.maps = data.maps
+        self.meshes = config.network.inputs.meshes
         self.counts = torch.from_numpy(data.counts)
         self.noise = torch.from_numpy(data.noise)
         most = (self.counts == self.counts.max()).nonzero()[:, 0]
@@ -62,4 +66,9 @@ class FusedNetTrainer(SplatNetTrainer):
     ) -> Tensor:
         """Return the maps [B, 5 * meshes, S, S] of objects from views, some of them mirrored."""
         maps = decode(torch.from_numpy(self.maps[objects, views]).to(self.device))
-        return torch.where(mirrored, mirror(maps), maps)
+        maps = torch.where(mirrored, mirror(maps), maps)
+        if len(self.meshes) > 1:
+            alone = torch.rand(len(maps) // VIEWS_TOGETHER, generator=self.random) < ALONE
+            alone &= self.noise[objects[::VIEWS_TOGETHER]] == 0
+            maps[alone.repeat_interleave(VIEWS_TOGETHER), len(MAPS) :] = 0.0
+        return maps

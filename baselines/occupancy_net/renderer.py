@@ -4,7 +4,6 @@ from __future__ import annotations
 
 import numpy as np
 import torch
-from torch import Tensor
 
 from baselines.occupancy_net.level_set import level_set, sample_grid
 from baselines.occupancy_net.network import HALF_EXTENT
@@ -14,7 +13,6 @@ from learning.exact import exact_inference
 from learning.weights import NetworkWeights
 
 MOST_POINTS = 2048  # as many as it was shown in training
-_PLACES_TOGETHER = 2**15  # a bound on memory
 LEVEL = 0.4  # probability of being inside; chosen on validation objects
 
 
@@ -31,7 +29,7 @@ class OccupancyNetRenderer(DrawsReconstruction):
     ) -> None:
         self.weights = weights
         self.device = torch.device(device)
-        self.network = weights.network.to(self.device)
+        self.network = weights.network.to(self.device, memory_format=torch.channels_last)
         self.logit = float(np.log(level / (1 - level)))
 
     @exact_inference()
@@ -44,12 +42,6 @@ class OccupancyNetRenderer(DrawsReconstruction):
         del rng
         points, notes = used_points(cloud, 1, MOST_POINTS, "occupancy networks")
         seen = torch.from_numpy(points)
-        planes = self.network.encode(seen[None].to(self.device))
-
-        def occupancy(places: Tensor) -> Tensor:
-            parts = places.split(_PLACES_TOGETHER)
-            logits = [self.network.occupancy(planes, p[None].to(self.device))[0] for p in parts]
-            return torch.cat(logits).cpu()
-
+        occupancy = self.network.on_grid(self.network.encode(seen[None].to(self.device)))
         values = sample_grid(occupancy, seen, HALF_EXTENT, self.logit)
         return Reconstruction(level_set(values.numpy(), self.logit, HALF_EXTENT), notes)

@@ -21,6 +21,7 @@ from baselines.reconstruction.meshlab import MeshLab
 from baselines.reconstruction.stages import (
     FOOTPRINT,
     DrawsReconstruction,
+    Nearest,
     Reconstruction,
     run,
     spacing,
@@ -51,7 +52,7 @@ class AlphaWrap(DrawsReconstruction):
         """
         del rng
         points, notes = used_points(cloud, NORMAL_NEIGHBOURS + 1, MOST_POINTS, "surfaces")
-        between = spacing(points)
+        between = spacing(Nearest(points))
         result = wrapped(points, self.ball * between, OFFSET * between)
         return Reconstruction(result.mesh, (*notes, *result.notes))
 

@@ -20,6 +20,7 @@ from scipy.spatial import cKDTree
 
 from baselines.reconstruction.stages import (
     DrawsReconstruction,
+    Nearest,
     Reconstruction,
     kept_faces,
     run,
@@ -67,7 +68,7 @@ def trimmed(mesh: Mesh, points: Points) -> Mesh:
 
     N is above 10. Raises StageFailure("trim", ...) where no face is left.
     """
-    farthest = spacing(points)
+    farthest = spacing(Nearest(points))
     distance, _ = cKDTree(points).query(mesh.vertices)
     keep = np.all(np.asarray(distance)[mesh.faces] <= farthest, axis=1)
     if not keep.any():

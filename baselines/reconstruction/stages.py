@@ -9,6 +9,7 @@ import numpy as np
 from numpy.typing import NDArray
 from scipy.spatial import cKDTree
 
+from data_prep.arrays import Floats
 from data_prep.failures import StageFailure
 from data_prep.rendering.camera import CAMERA_DISTANCE, FOCAL_PX
 from data_prep.rendering.images import to_float
@@ -141,11 +142,32 @@ def in_grey(vertices: NDArray[np.floating], faces: NDArray[np.integer]) -> Mesh:
     return Mesh(vertices.astype(np.float32), faces.astype(np.int32), colors)
 
 
-def spacing(points: Points) -> float:
-    """Return the median spacing of points [N, 3], N > 0.
+class Nearest:
+    """The nearest neighbours of points [N, 3], N > 0; most of a cloud's preparation is this search.
+
+    More are searched for only where more are asked for than before.
+    """
+
+    def __init__(self, points: Points | Floats) -> None:
+        self.points = points.astype(np.float64)
+        self.tree = cKDTree(self.points)
+        self._distance: Floats = np.zeros((len(points), 0))
+        self._index: NDArray[np.intp] = np.zeros((len(points), 0), np.intp)
+
+    def within(self, count: int) -> tuple[Floats, NDArray[np.intp]]:
+        """Return distances and indices [N, min(count, N)] of each point's nearest, itself first."""
+        count = min(count, len(self.points))
+        if self._index.shape[1] < count:
+            found = self.tree.query(self.points, k=range(1, count + 1))
+            self._distance, self._index = map(np.asarray, found)
+        return self._distance[:, :count], self._index[:, :count]
+
+
+def spacing(near: Nearest) -> float:
+    """Return the median spacing of points.
 
     The spacing of a point is half the distance to the 16th nearest (itself counted), as for an even
     sample of a plane.
     """
-    distances, _ = cKDTree(points).query(points, k=[min(_SPACING_NEIGHBOURS, len(points))])
-    return float(np.median(distances)) / 2
+    distance, _ = near.within(_SPACING_NEIGHBOURS)
+    return float(np.median(distance[:, -1])) / 2

@@ -14,7 +14,10 @@ NOWHERE = torch.zeros(1, 3)
 
 
 def surface(occupancy, points=NOWHERE, level=0.0):
-    values = sample_grid(occupancy, points, HALF_EXTENT, level)
+    def at(nodes, cells):
+        return occupancy(nodes.T * (2 * HALF_EXTENT / cells) - HALF_EXTENT)
+
+    values = sample_grid(at, points, HALF_EXTENT, level)
     return level_set(values.numpy(), level, HALF_EXTENT)
 
 
@@ -85,4 +88,8 @@ def test_nothing_inside_and_values_that_are_not_finite_fail_by_name():
     with pytest.raises(StageFailure) as failure:
         surface(lambda places: torch.where(places[:, 0] > 1, torch.nan, -2.0))
     assert failure.value.stage == "occupancy"
-    assert failure.value.problem == f"{2 * 33**2} of {33**3} values are not finite"
+    side = np.linspace(-HALF_EXTENT, HALF_EXTENT, 33)
+    x, y, z = np.meshgrid(side, side, side)
+    asked = x**2 + y**2 + z**2 <= HALF_EXTENT**2 + 1e-6
+    bad = asked & (x > 1)
+    assert failure.value.problem == f"{bad.sum()} of {asked.sum()} values are not finite"

@@ -68,6 +68,18 @@ def test_a_place_sees_the_cells_that_its_points_are_in(axis):
             assert net.occupancy(planes, at).shape == (1, 4)
 
 
+@pytest.mark.parametrize("cells", [32, 64, 128])
+def test_on_the_nodes_of_a_grid_it_is_what_it_is_at_their_places(cells):
+    """In double precision, where sums in another order hardly differ."""
+    net = network().double()
+    planes = net.encode(random(1, 300, 3).double())
+    nodes = torch.randint(cells + 1, (3, 5000), generator=torch.Generator().manual_seed(1))
+    nodes[:, :8] = torch.cartesian_prod(*[torch.tensor([0, cells])] * 3).T
+    places = nodes.T.double() * (2 * HALF_EXTENT / cells) - HALF_EXTENT
+    expected = net.occupancy(planes, places[None])[0]
+    torch.testing.assert_close(net.on_grid(planes)(nodes, cells), expected, rtol=1e-9, atol=1e-9)
+
+
 def test_logits_depend_on_the_whole_cloud_through_the_code():
     """Far from both places, a point more changes the answer, though little else does."""
     net, points = network(), torch.full((1, 20, 3), -0.9)

@@ -4,7 +4,7 @@ import numpy as np
 import pytest
 import torch
 
-from baselines.occupancy_net.network import OccupancyConfig, OccupancyNet
+from baselines.occupancy_net.network import HALF_EXTENT, OccupancyConfig, OccupancyNet
 from baselines.occupancy_net.renderer import MOST_POINTS, OccupancyNetRenderer
 from data_prep.failures import StageFailure
 from data_prep.scene import PointCloud
@@ -20,8 +20,11 @@ class Ball(OccupancyNet):
         self.seen = points
         return super().encode(points)
 
-    def occupancy(self, planes, places):
-        return 20 * (0.5 - places.norm(dim=2))
+    def on_grid(self, planes):
+        return self.at
+
+    def at(self, nodes, cells):
+        return 20 * (0.5 - (nodes.T * (2 / cells) - 1).mul(HALF_EXTENT).norm(dim=1))
 
 
 def ball(level=0.5, network=None):
@@ -52,12 +55,12 @@ def test_it_takes_each_point_in_sight_once_and_no_more_than_it_was_trained_on():
 
 def test_failures_have_names():
     class Broken(Ball):
-        def occupancy(self, planes, places):
-            return super().occupancy(planes, places) * torch.nan
+        def at(self, nodes, cells):
+            return super().at(nodes, cells) * torch.nan
 
     class Empty(Ball):
-        def occupancy(self, planes, places):
-            return super().occupancy(planes, places) - 1e3
+        def at(self, nodes, cells):
+            return super().at(nodes, cells) - 1e3
 
     few = PointCloud(np.eye(3))
     cases = (

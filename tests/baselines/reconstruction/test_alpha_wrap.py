@@ -5,7 +5,7 @@ import pytest
 from scipy.spatial import cKDTree
 
 from baselines.reconstruction.alpha_wrap import OFFSET, AlphaWrap, DenoisedWrap, wrapped
-from baselines.reconstruction.stages import FOOTPRINT, spacing
+from baselines.reconstruction.stages import FOOTPRINT, Nearest, spacing
 from data_prep.scene import Mesh, PointCloud
 from tests.baselines.clouds import RADIUS, chair_cloud, faces_of_edges, lattice_sphere
 
@@ -33,7 +33,7 @@ def test_sheets_become_slabs() -> None:
     flat = np.random.default_rng(0).uniform(-0.5, 0.5, (1024, 3)) * [1, 1, 0]
     slab = AlphaWrap().prepare(PointCloud(flat)).mesh
     assert (faces_of_edges(slab.faces) == 2).all()
-    thickness = 2 * OFFSET * spacing(flat)
+    thickness = 2 * OFFSET * spacing(Nearest(flat))
     np.testing.assert_allclose(np.ptp(slab.vertices[:, 2]), thickness, rtol=0.01)
     assert volume(slab) == pytest.approx(thickness, rel=0.1)  # of a square of side 1
 
@@ -59,7 +59,7 @@ def test_clean_points_are_wrapped_as_they_are_and_noisy_ones_smoothed_first() ->
     np.testing.assert_array_equal(smooth.mesh.vertices, plain.mesh.vertices)
     assert plain.notes == ()
     assert smooth.notes[0].startswith("noise: 0.0")
-    noisy = lattice_sphere() + np.random.default_rng(0).normal(scale=0.05, size=(2048, 3))
+    noisy = lattice_sphere() + np.random.default_rng(0).normal(scale=0.10, size=(2048, 3))
     plain, smooth = (m.prepare(PointCloud(noisy)).mesh for m in (AlphaWrap(), DenoisedWrap()))
     rough, smoother = (np.linalg.norm(mesh.vertices, axis=1).std() for mesh in (plain, smooth))
     assert smoother < rough / 2

@@ -3,7 +3,7 @@ from __future__ import annotations
 import numpy as np
 import pytest
 
-from baselines.splat_net.eigenpairs import smallest_eigenpairs
+from baselines.eigenpairs import smallest_eigenpairs
 
 UPPER = np.triu_indices(3)
 
