@@ -24,6 +24,7 @@ from data_prep.scene import IMAGE_SIZE, Images, Mesh, PointCloud, View
 from learning.weights import NetworkWeights
 
 OCCUPANCY = "all"  # the bundled weights of occupancy-net
+WHOLE = 2048  # points; of fewer, or under noise, the second mesh tells what the first does not
 NOTHING = in_grey(np.empty((0, 3)), np.empty((0, 3), int))
 
 
@@ -60,13 +61,15 @@ class FusedNetRenderer:
     def prepare(self, cloud: PointCloud, rng: np.random.Generator | None = None) -> _FusedState:
         """Return the surfels and meshes of a cloud; no randomness.
 
-        A method that fails to make a mesh is left out, and a note says so.
+        A method that fails to make a mesh is left out, and a note says so, as is occupancy-net for
+        a cloud that does not need it: one of WHOLE points or more that denoised-wrap takes as they
+        are.
 
         Raises StageFailure at the stage "input", for an empty or non-finite cloud.
         """
         del rng
         surfels = self.splats.prepare(cloud)
-        return _FusedState(surfels, *reconstruct(cloud, self.methods))
+        return _FusedState(surfels, *reconstruct(cloud, self.methods, sparing=True))
 
     def draw(
         self,
@@ -110,14 +113,19 @@ def reconstructors(names: Sequence[str], device: str = "cpu") -> dict[str, _Reco
 
 
 def reconstruct(
-    cloud: PointCloud, methods: Mapping[str, _Reconstructor]
+    cloud: PointCloud, methods: Mapping[str, _Reconstructor], *, sparing: bool = False
 ) -> tuple[tuple[Mesh, ...], tuple[str, ...]]:
     """Return the mesh of each method, and notes.
 
     Where a method fails its mesh has no faces, and a note says why: the points are still there.
+    `sparing` leaves out what `FusedNetRenderer.prepare` does.
     """
-    meshes, notes = [], []
+    meshes, notes, enough = [], [], False
     for name, method in methods.items():
+        if enough:
+            meshes.append(NOTHING)
+            notes.append(f"{name}: not needed, {len(cloud)} points without noise")
+            continue
         try:
             result = method.prepare(cloud)
         except StageFailure as failure:
@@ -126,6 +134,7 @@ def reconstruct(
         else:
             meshes.append(result.mesh)
             notes += [f"{name}: {note}" for note in result.notes]
+            enough = sparing and result.noise == 0 and len(cloud) >= WHOLE
     return tuple(meshes), tuple(notes)
 
 

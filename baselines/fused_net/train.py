@@ -24,7 +24,7 @@ from baselines.splat_net.train import (
 from data_prep.datasets.training_set import SurfaceSet
 from data_prep.rendering.raycast import MAPS
 
-ALONE = 0.5  # share of the clouds without noise of which only the first mesh is seen
+ALONE = 0.5  # share of whole clouds without noise of which only the first mesh is seen
 
 
 class FusedNetTrainer(SplatNetTrainer):
@@ -36,7 +36,8 @@ class FusedNetTrainer(SplatNetTrainer):
         super().__init__(learned, config, *place, **more)
         data = learned
         self.maps = data.maps
-        self.meshes = config.network.inputs.meshes
+        # channels of the meshes after the first
+        self.further = len(MAPS) * (len(config.network.inputs.meshes) - 1)
         self.counts = torch.from_numpy(data.counts)
         self.noise = torch.from_numpy(data.noise)
         most = (self.counts == self.counts.max()).nonzero()[:, 0]
@@ -58,17 +59,16 @@ class FusedNetTrainer(SplatNetTrainer):
         order = torch.rand(clouds, views, generator=self.random).argsort(dim=1)
         mirrored = torch.rand(clouds, generator=self.random) < 0.5
         taken = self.clouds[objects, : int(points)]
-        scene = self._scene(taken, objects, order[:, :VIEWS_TOGETHER], mirrored)
-        return *scene, self.noise[objects].repeat_interleave(VIEWS_TOGETHER)
+        seen, truth = self._scene(taken, objects, order[:, :VIEWS_TOGETHER], mirrored)
+        if self.further:  # the renderer has no other for such a cloud
+            alone = torch.rand(clouds, generator=self.random) < ALONE
+            alone &= (self.noise[objects] == 0) & (points == self.counts.max())
+            seen[0][alone.repeat_interleave(VIEWS_TOGETHER), -self.further :] = 0.0
+        return seen, truth, self.noise[objects].repeat_interleave(VIEWS_TOGETHER)
 
     def _maps(
         self, objects: NDArray[np.int64], views: NDArray[np.int64], mirrored: Tensor
     ) -> Tensor:
         """Return the maps [B, 5 * meshes, S, S] of objects from views, some of them mirrored."""
         maps = decode(torch.from_numpy(self.maps[objects, views]).to(self.device))
-        maps = torch.where(mirrored, mirror(maps), maps)
-        if len(self.meshes) > 1:
-            alone = torch.rand(len(maps) // VIEWS_TOGETHER, generator=self.random) < ALONE
-            alone &= self.noise[objects[::VIEWS_TOGETHER]] == 0
-            maps[alone.repeat_interleave(VIEWS_TOGETHER), len(MAPS) :] = 0.0
-        return maps
+        return torch.where(mirrored, mirror(maps), maps)

@@ -13,7 +13,7 @@ from data_prep.failures import BadInput
 from learning.weights import FILES, NetworkWeights
 
 PACKAGE = "baselines.fused_net"
-MESHES = ("denoised-wrap", "occupancy-net")  # methods whose meshes it can see
+MESHES = ("denoised-wrap", "occupancy-net")  # methods whose meshes it can see, in this order
 
 
 def load_weights(name_or_path: str | Path = "all") -> NetworkWeights:
@@ -32,12 +32,12 @@ def load_weights(name_or_path: str | Path = "all") -> NetworkWeights:
 
 
 def check_meshes(meshes: tuple[str, ...], where: str) -> None:
-    """Check that meshes are different ones of MESHES, at least one.
+    """Check that meshes are of MESHES, at least one, in their order.
 
     Raises BadInput, which begins with `where`, otherwise.
     """
-    if not meshes or len({*meshes} & {*MESHES}) != len(meshes):
+    if not meshes or meshes != tuple(name for name in MESHES if name in meshes):
         raise BadInput(
             f"{where}: meshes of {', '.join(meshes) or 'no method'}; choose from "
-            f"{', '.join(MESHES)}, each once"
+            f"{', '.join(MESHES)}, in this order"
         )

@@ -84,7 +84,7 @@ SPLAT_NET = _NetworkPackage("baselines.splat_net", ("torch", "scipy"), 2, "bench
 OCCUPANCY_NET = _NetworkPackage(
     "baselines.occupancy_net",
     ("embreex", "scikit-image", "torch"),
-    1,
+    2,
     "bench train occupancy-net",
 )
 
@@ -93,7 +93,7 @@ OCCUPANCY_NET = _NetworkPackage(
 FUSED_NET = _NetworkPackage(
     "baselines.fused_net",
     ("embreex", "pymeshlab", "scikit-image", "scipy", "torch"),
-    1,
+    2,
     "bench train fused-net",
     beside=OCCUPANCY_NET,
 )

@@ -17,12 +17,13 @@ from tests.learning.trainings import SMALL
 class Truth:
     """A reconstruction that knows the mesh of the chair; `prepare` counts its calls."""
 
-    def __init__(self):
-        self.calls = 0
+    def __init__(self, noise=None):
+        self.calls, self.noise = 0, noise
 
     def prepare(self, cloud):
         self.calls += 1
-        return Reconstruction(ProceduralObject("chair", "validation", 0).load(), ("known",))
+        mesh = ProceduralObject("chair", "validation", 0).load()
+        return Reconstruction(mesh, ("known",), self.noise)
 
 
 class Failing:

@@ -54,6 +54,20 @@ def test_a_mesh_that_fails_is_noted(cloud):
     assert notes == ("denoised-wrap: no mesh, alpha-wrap: no faces", "occupancy-net: known")
 
 
+@pytest.mark.parametrize(
+    ("points", "noise", "meshes"), [(2048, 0.0, 1), (2047, 0.0, 2), (2048, 0.1, 2)]
+)
+def test_one_mesh_is_enough_for_a_whole_cloud_without_noise(cloud, points, noise, meshes):
+    methods = dict(zip(MESHES, (Truth(noise), Truth()), strict=True))
+    renderer = fused(network(MESHES), methods)
+    whole = PointCloud(np.resize(cloud.points, (points, 3)))
+    state = renderer.prepare(whole)
+    assert [method.calls for method in methods.values()] == [1, meshes - 1]
+    assert [len(mesh.faces) > 0 for mesh in state.meshes] == [True, meshes == 2]
+    spared = "occupancy-net: not needed, 2048 points without noise"
+    assert state.notes[1] == ("occupancy-net: known" if meshes == 2 else spared)
+
+
 def test_the_real_methods_fail_on_a_point_and_it_is_drawn():
     renderer = fused(net := network(("denoised-wrap",)), {"denoised-wrap": Truth()})
     renderer = type(renderer)(NetworkWeights(net, {}, ""))
