@@ -62,14 +62,16 @@ class FusedNetRenderer:
         """Return the surfels and meshes of a cloud; no randomness.
 
         A method that fails to make a mesh is left out, and a note says so, as is occupancy-net for
-        a cloud that does not need it: one of WHOLE points or more that denoised-wrap takes as they
-        are.
+        a cloud that does not need it: one of WHOLE different points or more that denoised-wrap
+        takes as they are.
 
         Raises StageFailure at the stage "input", for an empty or non-finite cloud.
         """
         del rng
         surfels = self.splats.prepare(cloud)
-        return _FusedState(surfels, *reconstruct(cloud, self.methods, sparing=True))
+        return _FusedState(
+            surfels, *reconstruct(cloud, self.methods, sparing=len(surfels) >= WHOLE)
+        )
 
     def draw(
         self,
@@ -118,13 +120,13 @@ def reconstruct(
     """Return the mesh of each method, and notes.
 
     Where a method fails its mesh has no faces, and a note says why: the points are still there.
-    `sparing` leaves out what `FusedNetRenderer.prepare` does.
+    `sparing` leaves out methods after one that takes the points as they are.
     """
     meshes, notes, enough = [], [], False
     for name, method in methods.items():
         if enough:
             meshes.append(NOTHING)
-            notes.append(f"{name}: not needed, {len(cloud)} points without noise")
+            notes.append(f"{name}: not needed, the points are many and without noise")
             continue
         try:
             result = method.prepare(cloud)
@@ -134,7 +136,7 @@ def reconstruct(
         else:
             meshes.append(result.mesh)
             notes += [f"{name}: {note}" for note in result.notes]
-            enough = sparing and result.noise == 0 and len(cloud) >= WHOLE
+            enough = sparing and result.noise == 0
     return tuple(meshes), tuple(notes)
 
 
