@@ -241,6 +241,7 @@ class GridOccupancy:
         """Return logits [M] of nodes, of which the features are sums of three rows [M, 3]."""
         x = functional.embedding_bag(rows, table, mode="sum")
         for block in self.network.blocks:
-            inner = torch.addmm(block.first.bias, x.relu(), block.first.weight.T).relu_()
+            assert isinstance(block, _ResidualLayers)
+            inner = block.first(x.relu()).relu_()
             x = x.add_(block.second.bias).addmm_(inner, block.second.weight.T)
         return self.network.answer(x.relu_())[:, 0]

@@ -162,8 +162,8 @@ class Nearest:
         """Return distances and indices [N, min(count, N)] of each point's nearest, itself first."""
         count = min(count, len(self.points))
         if self._index.shape[1] < count:
-            found = self.tree.query(self.points, k=range(1, count + 1))
-            self._distance, self._index = map(np.asarray, found)
+            distance, index = self.tree.query(self.points, k=range(1, count + 1))
+            self._distance, self._index = np.asarray(distance), np.asarray(index)
         return self._distance[:, :count], self._index[:, :count]
 
 
