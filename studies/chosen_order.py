@@ -1,49 +1,58 @@
-"""The order of the methods that learn nothing at each condition, for `results/chosen.csv`.
+"""The order of the methods that learn nothing by metric and condition: `results/chosen.csv`.
 
-    bench run --suite thirteen-classes --dataset procedural:validation --methods ... --out DIR
-    python -m studies.chosen_order DIR...
+    python -m studies.chosen_order
 
-Of runs on validation objects: the mean of a method's ranks by the headline metrics, of their means
-over classes, with a blank image for each failed one; of equal methods the one with the lower LPIPS
-is first. Prints the methods of each condition, the best first, with their values.
+By each metric that `results/docs/opponents-validation.csv` has, on validation objects of 13 classes
+with a blank image for each failed one (docs/reconstruction.md has its command), the methods stand
+by their means. Those that were not measured at a condition come last, and equal ones stand, as by
+the other metrics; the order by these, the lines of `*`, stays as it is.
 """
 
 from __future__ import annotations
 
-import argparse
-from pathlib import Path
+from collections.abc import Mapping, Sequence
 
 import pandas as pd
 
-from bench.analysis.paper import AVERAGE
-from bench.catalogue.methods import FLOORS
-from studies.metric_agreement import read_values
+from bench.catalogue.chosen import BEST_CLASSICAL, CHOSEN, OTHER_METRICS, RANKINGS
+from bench.catalogue.metrics import higher_is_better
+from bench.tables.table import csv_text
+from data_prep.files.atomic_write import write_whole
+from studies.documents import NUMBERS
 
-METRICS = ["ssim-object", "lpips"]  # read with a sign so that more is better
+VALIDATION = NUMBERS / "opponents-validation.csv"
 
 
-def in_order(values: pd.DataFrame) -> pd.DataFrame:
-    """Return the methods of one condition, the best first, with a column for their mean rank.
+def in_order(values: Mapping[str, float], higher: bool, otherwise: Sequence[str]) -> list[str]:
+    """Return the methods of one condition by their values, the best first.
 
-    values  a line for each method, a column for each of METRICS; more is better
+    Equal ones, and at the end those without a value, are in their order otherwise; what is not
+    among these is left out.
     """
-    ranks = values[METRICS].rank(ascending=False).mean(axis=1)
-    ordered = values.assign(rank=ranks, worse=-values["lpips"]).sort_values(["rank", "worse"])
-    return ordered[["rank", *METRICS]]
+    measured = [method for method in otherwise if method in values]
+    measured.sort(key=lambda method: -values[method] if higher else values[method])
+    return [*measured, *(method for method in otherwise if method not in values)]
 
 
-def main() -> None:
-    """Read runs from the command line."""
-    parser = argparse.ArgumentParser(description="The best that learn nothing, by condition.")
-    parser.add_argument("directories", type=Path, nargs="+")
-    for directory in parser.parse_args().directories:
-        values = pd.DataFrame(read_values(directory).xs(AVERAGE, level="class"))
-        values = values.drop(list(FLOORS), level="method", errors="ignore")
-        for condition, cell in values.groupby("condition", sort=False):
-            ordered = in_order(cell.reset_index("condition", drop=True))
-            print(f"{condition},{' '.join(map(str, ordered.index))}")
-            print(ordered.round(4).T.to_string(), end="\n\n")
+def rankings() -> str:
+    """Return the file of rankings, made of the measurement."""
+    others = {
+        condition: ranked
+        for (metric, condition), ranked in CHOSEN[BEST_CLASSICAL].ranking.items()
+        if metric == OTHER_METRICS
+    }
+    rows = pd.read_csv(VALIDATION, dtype={"condition": str})
+    lines = []
+    for metric in ("ssim", "ssim-object", "lpips"):
+        of_metric = rows[rows["metric"] == metric]
+        for condition, otherwise in others.items():
+            cell = of_metric[of_metric["condition"] == condition]
+            values = dict(zip(cell["method"], cell["failures_as_blank"], strict=True))
+            ranked = in_order(values, higher_is_better(metric), otherwise)
+            lines.append([metric, condition, " ".join(ranked)])
+    lines += [[OTHER_METRICS, condition, " ".join(r)] for condition, r in others.items()]
+    return csv_text(["metric", "condition", "best_first"], lines)
 
 
 if __name__ == "__main__":
-    main()
+    write_whole(RANKINGS, rankings().encode())

@@ -22,12 +22,12 @@ under another class.
 
 Columns with sources of their own are named one by one, in place of a file and `columns`:
 
-    <!-- numbers: rows=method:pc2pix,best-reconstruction
+    <!-- numbers: rows=method:pc2pix,best-classical
     column=real_objects;real.csv;metric:lpips;condition:2048
-    column=one_view;cost.csv;show:cost_ms;best-reconstruction:alpha-wrap
+    column=one_view;cost.csv;show:cost_ms;best-classical:alpha-wrap
     column=trained_on;catalogue -->
 
-`best-reconstruction:alpha-wrap` shows the value of another method in that row; `catalogue` stands
+`best-classical:alpha-wrap` shows the value of another method in that row; `catalogue` stands
 for what `bench list` knows. A row that such a column has no line for gets a dash.
 
 Prints how many numbers are generated, measured with date and commit, and settings. Fails where

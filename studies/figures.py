@@ -59,7 +59,7 @@ def _draw_conditions(file: str, methods: Sequence[str]) -> Figure:
 
 
 def _draw_classes(file: str, methods: Sequence[str]) -> Figure:
-    """Draw differences of methods to the best reconstruction by class, so that right is better.
+    """Draw differences of methods to the best classical method by class, so that right is better.
 
     `file` has their comparisons. A hollow point is not decided.
     """
@@ -72,7 +72,7 @@ def _draw_classes(file: str, methods: Sequence[str]) -> Figure:
     hollow = ~dots["ahead"].isin(["a", "b"])
     dots = dots.assign(row=dots["class"], value=dots["difference"], hollow=hollow)
     figure = dots_figure(dots, method_styles(methods), zero=True)
-    figure.supxlabel("difference to the best reconstruction", fontsize=TEXT)
+    figure.supxlabel("difference to the best classical method", fontsize=TEXT)
     return figure
 
 
@@ -126,7 +126,7 @@ def _draw_view_costs(methods: Sequence[str]) -> Figure:
 
 
 CHAIR = "splat-net@chair"
-OTHERS = ("best-reconstruction", "pc2pix", "surface-apss", FLOOR)
+OTHERS = ("best-classical", "pc2pix", "surface-apss", FLOOR)
 KNOWN = (CHAIR, "splat-net", "fused-net", *OTHERS)
 REAL = ("fused-net@grey", "splat-net@grey")
 _BEYOND = (CHAIR, "pc2pix", "surface-apss", FLOOR)

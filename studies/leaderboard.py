@@ -19,7 +19,7 @@ import numpy as np
 
 from bench.analysis.comparison import milliseconds
 from bench.analysis.paper import AVERAGE
-from bench.catalogue.chosen import BEST_RECONSTRUCTION, MEASURED_ON, cost_of, measured_methods
+from bench.catalogue.chosen import BEST_CLASSICAL, MEASURED_ON, cost_of, measured_methods
 from bench.catalogue.conditions import condition_words
 from bench.report.board import (
     HEADLINE,
@@ -45,7 +45,7 @@ class ResultGroup:
     """Two columns of the leaderboard: the headline metrics on a set of objects.
 
     measurement  the name of the measurement (`studies.measurements`), whose values and comparisons
-                 with the best reconstruction are shown
+                 with the best classical method are shown
     """
 
     name: str
@@ -110,7 +110,7 @@ def board(numbers: Path = NUMBERS, groups: Sequence[ResultGroup] = GROUPS) -> di
         {method: method for method in methods},
         competing,
         (
-            f"Better, worse, not decided: against {BEST_RECONSTRUCTION}, object by object, p below "
+            f"Better, worse, not decided: against {BEST_CLASSICAL}, object by object, p below "
             ".05 after Holm's correction. A failed image is scored as a blank one. "
             " Results has commands, dates and intervals.",
         ),

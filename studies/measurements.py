@@ -4,9 +4,10 @@
     python -m studies.measurements NAME [--meshes PATH] [--out DIR] [further options of bench run]
 
 Carries out the run, or goes on with the one in DIR, and writes `results/docs/NAME.csv`, its tables
-of quality, and `NAME-differences.csv`: networks against the best reconstruction, object by object,
-as `bench compare` does, and further tables of the run that pages quote. `costs` writes the table
-of costs, `results/costs.csv`. PATH is the folder of real meshes that `bench data verify` knows.
+of quality, and `NAME-differences.csv`: networks against the best classical method, object by
+object, as `bench compare` does, and further tables of the run that pages quote. `costs` writes the
+table of costs, `results/costs.csv`. PATH is the folder of real meshes that `bench data verify`
+knows.
 """
 
 from __future__ import annotations
@@ -25,7 +26,7 @@ import pandas as pd
 from bench.analysis.paper import AVERAGE
 from bench.analysis.run_pairs import methods_of_run
 from bench.analysis.scored_run import Run, read_run
-from bench.catalogue.chosen import BEST_RECONSTRUCTION, COSTS
+from bench.catalogue.chosen import BEST_CLASSICAL, COSTS
 from bench.catalogue.methods import find_method, role
 from bench.tables.build import tables
 from bench.tables.differences import differences_table
@@ -50,7 +51,7 @@ class QuotedRun(NamedTuple):
     """A run and its part in the documentation."""
 
     options: str  # of `bench run`, with PATH for the folder of real meshes
-    compared: tuple[str, ...] = ()  # methods that are compared with the best reconstruction
+    compared: tuple[str, ...] = ()  # methods that are compared with the best classical method
     metrics: tuple[str, ...] = ()  # of the table of values; empty for all of the run
     copied: tuple[tuple[str, str], ...] = ()  # further tables, each with the name of its file
 
@@ -95,7 +96,7 @@ MEASUREMENTS: Mapping[str, QuotedRun] = {
 
 
 def differences_of(name: str) -> str:
-    """Return the name of the file of a measurement's comparisons with the best reconstruction."""
+    """Return the name of the file of a measurement's comparisons with the best classical method."""
     return f"{name}-differences.csv"
 
 
@@ -107,10 +108,10 @@ def values(run: Run, metrics: Iterable[str]) -> str:
 
 
 def differences(directory: Path, methods: Iterable[str]) -> str:
-    """Return the comparisons of methods with the best reconstruction as one CSV file."""
+    """Return the comparisons of methods with the best classical method as one CSV file."""
     rows: list[dict[str, str]] = []
     for method in methods:
-        pair = methods_of_run(directory, (BEST_RECONSTRUCTION, method), FIRST)
+        pair = methods_of_run(directory, (BEST_CLASSICAL, method), FIRST)
         rows += _rows(differences_table(pair).to_csv())
     return _written([{k: v for k, v in row.items() if k not in _RUN_COLUMNS} for row in rows])
 

@@ -67,7 +67,7 @@ def test_the_walk_of_the_page_ends_with_a_verdict(tmp_path, monkeypatch):
     titles = [line for line in lines if " against " in line and "scored" not in line]
     assert titles[1:] == [
         f"my_method:METHOD against {baseline} on 2 objects (chair), paired"
-        for baseline in ("splat-net", "best-reconstruction")
+        for baseline in ("splat-net", "best-classical")
     ]
     assert "the best there by ssim-object and lpips: splat-net" in lines
     # Two objects decide nothing, which the verdict has to say.

@@ -14,7 +14,7 @@ from threadpoolctl import threadpool_limits
 from bench.analysis.comparison import best_first, candidates, known_objects, pooled
 from bench.analysis.paired import by_method, paired_differences, two_methods
 from bench.analysis.scored_run import Run, read_run
-from bench.catalogue.chosen import BEST_RECONSTRUCTION, CHOSEN
+from bench.catalogue.chosen import BEST_CLASSICAL, CHOSEN, Cell
 from bench.catalogue.lookup import instead_of
 from bench.catalogue.methods import FLOOR
 from bench.catalogue.metrics import declared_metric, is_mean
@@ -52,7 +52,7 @@ def methods_of_run(
     """Return method b against method a of one finished run, in every condition and class.
 
     With several classes also all objects together, by image metrics. A method may be a chosen row:
-    another method at each condition (`bench.catalogue.chosen`).
+    another method by each metric and condition (`bench.catalogue.chosen`).
 
     Raises BadInput where there are not two methods, for methods and metrics that the run does not
     have, and for a run without scores.
@@ -71,7 +71,7 @@ class Standing:
     images      by condition how many images it has, and should have
     places      by headline metric its place in the mean over the cells, and among how many methods
     against     its differences from the best of the others by each metric, with the metrics that it
-                is the best by; none for `best-reconstruction`, which comes last
+                is the best by; none for `best-classical`, which comes last
     """
 
     conditions: tuple[str, ...]
@@ -104,8 +104,8 @@ def standing(run: Run, method: str, added: Sequence[str]) -> Standing:
             places[metric] = before[method] + 1, len(before)
         best = next((name for name in before if name not in added), FLOOR)
         best_by[best] = (*best_by.get(best, ()), metric)
-    if BEST_RECONSTRUCTION in _chosen_rows(run) and conditions:
-        best_by[BEST_RECONSTRUCTION] = ()
+    if BEST_CLASSICAL in _chosen_rows(run, metrics) and conditions:
+        best_by[BEST_CLASSICAL] = ()
     against = [
         (by, _two_methods(run, (best, method), None, conditions)) for best, by in best_by.items()
     ]
@@ -118,11 +118,10 @@ def _two_methods(
     metrics: Sequence[str] | None,
     conditions: Sequence[str] | None = None,
 ) -> Differences:
-    chosen_rows = _chosen_rows(run)
-    available = [*run.manifest["methods"], *chosen_rows]
-    _refuse_unknown("--methods", methods, available)
     remarks = _of_older_protocol(run)
     chosen = _metrics([run], metrics, remarks)
+    chosen_rows = _chosen_rows(run, chosen)
+    _refuse_unknown("--methods", methods, [*run.manifest["methods"], *chosen_rows])
     a, b = methods
     folder = str(run.directory)
     compared = _compare(run, methods, chosen)
@@ -131,9 +130,8 @@ def _two_methods(
     together = pooled(compared)
     parts = [compared] if together.empty else [compared, together]
     cells = pd.concat([two_methods(part.assign(run=folder), chosen, a, b) for part in parts])
-    for name in chosen_rows.keys() & set(methods):
-        parts = (f"`{method}` at {condition}" for condition, method in chosen_rows[name].items())
-        remarks.append(f"`{name}` is {', '.join(parts)}.")
+    named = chosen_rows.keys() & set(methods)
+    remarks += [CHOSEN[name].in_words(chosen_rows[name]) for name in CHOSEN if name in named]
     truth = TRUTHS[run.suite.truth]
     cells = cells.sort_values(
         "metric", key=lambda names: names.map(chosen.index), kind="stable", ignore_index=True
@@ -219,22 +217,24 @@ def _compare(
     metrics: Sequence[str],
     among: Mapping[tuple[str, str], AbstractSet[str]] | None = None,
 ) -> pd.DataFrame:
-    rows = {name: best for name, best in _chosen_rows(run).items() if name in methods}
+    rows = {name: best for name, best in _chosen_rows(run, metrics).items() if name in methods}
     chosen = {method for best in rows.values() for method in best.values()}
     with threadpool_limits(1):  # the same digits on any number of cores
         compared = run.compared(metrics, {*methods, *chosen}, among)
+    cells = pd.MultiIndex.from_frame(compared[["metric", "condition"]])
     best_rows = (
-        compared[compared["method"] == compared["condition"].map(best)].assign(method=name)
+        compared[compared["method"] == cells.map(best)].assign(method=name)
         for name, best in rows.items()
     )
     return pd.concat([compared, *best_rows])
 
 
-def _chosen_rows(run: Run) -> dict[str, dict[str, str]]:
-    """Return the methods of the chosen rows by condition; only rows that each condition has."""
-    conditions, methods = run.manifest["conditions"], run.manifest["methods"]
-    rows = {name: row.by_condition(conditions, methods) for name, row in CHOSEN.items()}
-    return {name: best for name, best in rows.items() if len(best) == len(conditions)}
+def _chosen_rows(run: Run, metrics: Sequence[str]) -> dict[str, dict[Cell, str]]:
+    """Return the methods of the chosen rows by cell; only rows that each cell has."""
+    conditions = run.manifest["conditions"]
+    cells = [(metric, condition) for metric in dict.fromkeys(metrics) for condition in conditions]
+    rows = {name: row.best(cells, run.manifest["methods"]) for name, row in CHOSEN.items()}
+    return {name: best for name, best in rows.items() if len(best) == len(cells)}
 
 
 def _metrics(scored: Sequence[Run], wanted: Sequence[str] | None, remarks: list[str]) -> list[str]:

@@ -1,8 +1,9 @@
 """Methods chosen by measurements: the best of a group at a condition, the best within a budget.
 
-A network should not be compared with a weak rival, and which rival is strong depends on the cloud.
-So the tables have a row that is, at each condition, the method of a group that had the best images
-on validation objects; no test object has a part in the choice.
+A network should not be compared with a weak rival, and which rival is strong depends on the cloud
+and on the metric. So the tables have a row that is, by each metric and at each condition, the
+method of a group that had the best images on validation objects; no test object has a part in the
+choice.
 
 `results/costs.csv` has a line for each method that was measured by `python -m studies.measurements
 costs`, a run of the suite `speed`: the milliseconds of one view of a new cloud of 2,048 points, its
@@ -25,56 +26,75 @@ from pathlib import Path
 from bench.catalogue.lookup import family_of
 from data_prep.failures import BadInput
 
-BEST_RECONSTRUCTION = "best-reconstruction"
+BEST_CLASSICAL = "best-classical"
 BEST_LEARNED_3D = "best-learned-3d"
-# By condition, the best first: the mean of the ranks by ssim-object and lpips on validation
-# objects of 13 classes (docs/reconstruction.md). 2048, 1024, 512 and noise up to 0.10 were measured
-# with all methods; elsewhere the last ones stand as in an earlier measurement.
-_RANKINGS = Path(__file__).resolve().parents[2] / "results" / "chosen.csv"
-COSTS = _RANKINGS.with_name("costs.csv")
+# By metric and condition, the best first, of validation objects of 13 classes
+# (`python -m studies.chosen_order`); by other metrics than three the mean of the ranks by
+# ssim-object and lpips. 2048, 1024, 512 and noise up to 0.10 were measured with all methods;
+# elsewhere the last ones stand as in an earlier measurement.
+RANKINGS = Path(__file__).resolve().parents[2] / "results" / "chosen.csv"
+OTHER_METRICS = "*"  # in place of a metric, for those without a ranking of their own
+COSTS = RANKINGS.with_name("costs.csv")
 MEASURED_ON = "an AMD EPYC"  # family 25, model 17; 2026-11-27
 _UNITS_MS = {"ms": 1.0, "s": 1000.0}
 _LEARNED_3D = ("occupancy-net",)
 
+Cell = tuple[str, str]  # metric and condition
+
 
 @dataclass(frozen=True)
 class _ChosenRow:
-    """A row that is, at each condition, the best method of a group.
+    """A row that is, by each metric and at each condition, the best method of a group.
 
     id       its name in tables and comparisons
-    ranking  the methods of the group by condition, the best first
+    ranking  the methods of the group by metric and condition, the best first
     fewest   methods of the group that a run must have for the row to be a choice
     """
 
     id: str
-    ranking: Mapping[str, tuple[str, ...]]
+    ranking: Mapping[Cell, tuple[str, ...]]
     fewest: int
 
-    def by_condition(self, conditions: Iterable[str], methods: Iterable[str]) -> dict[str, str]:
-        """Return the best of the methods at each condition that has one.
+    def best(self, cells: Iterable[Cell], methods: Iterable[str]) -> dict[Cell, str]:
+        """Return the best of the methods by each metric and condition that has one.
 
         None has with fewer than `fewest` of the group, nor where there is no ranking.
         """
         available = set(methods)
-        best: dict[str, str] = {}
-        for condition in conditions:
-            ranked = [m for m in self.ranking.get(condition, ()) if m in available]
+        best: dict[Cell, str] = {}
+        for metric, condition in cells:
+            others = self.ranking.get((OTHER_METRICS, condition), ())
+            ranking = self.ranking.get((metric, condition), others)
+            ranked = [method for method in ranking if method in available]
             if len(ranked) >= self.fewest:
-                best[condition] = ranked[0]
+                best[metric, condition] = ranked[0]
         return best
 
+    def in_words(self, best: Mapping[Cell, str]) -> str:
+        """Return a sentence on which method the row is; metrics with the same methods together."""
+        by_metric: dict[str, dict[str, list[str]]] = {}
+        for (metric, condition), method in best.items():
+            by_metric.setdefault(metric, {}).setdefault(method, []).append(condition)
+        metrics: dict[str, list[str]] = {}
+        for metric, conditions in by_metric.items():
+            parts = (f"`{method}` at {', '.join(at)}" for method, at in conditions.items())
+            metrics.setdefault("; ".join(parts), []).append(metric)
+        several = len(metrics) > 1
+        texts = (f"by {', '.join(m)} {text}" if several else text for text, m in metrics.items())
+        return f"`{self.id}`, chosen on validation objects, is {'; '.join(texts)}."
 
-def _rankings() -> dict[str, tuple[str, ...]]:
-    with _RANKINGS.open(encoding="utf-8", newline="") as file:
+
+def _rankings() -> dict[Cell, tuple[str, ...]]:
+    with RANKINGS.open(encoding="utf-8", newline="") as file:
         rows = csv.DictReader(file)
-        return {row["condition"]: tuple(row["best_first"].split()) for row in rows}
+        return {(r["metric"], r["condition"]): tuple(r["best_first"].split()) for r in rows}
 
 
-_RECONSTRUCTIONS = _rankings()
+_CLASSICAL = _rankings()
 _ROWS = (
-    _ChosenRow(BEST_RECONSTRUCTION, _RECONSTRUCTIONS, fewest=2),
+    _ChosenRow(BEST_CLASSICAL, _CLASSICAL, fewest=2),
     # One network that learned in 3D is enough: readers look for the best of them by this name.
-    _ChosenRow(BEST_LEARNED_3D, dict.fromkeys(_RECONSTRUCTIONS, _LEARNED_3D), fewest=1),
+    _ChosenRow(BEST_LEARNED_3D, dict.fromkeys(_CLASSICAL, _LEARNED_3D), fewest=1),
 )
 CHOSEN = {row.id: row for row in _ROWS}
 

@@ -127,7 +127,7 @@ def add(
     """Add a method to a finished run: test it, draw what the run drew, and say where it stands.
 
     Its values, its place, and how it compares, object by object, with the best of the other methods
-    by each metric of the headline table, and with best-reconstruction.
+    by each metric of the headline table, and with best-classical.
 
     Only its jobs are done. Exit 1 if the test finds what blocks a run, or if all its images fail.
     """

@@ -13,7 +13,7 @@ from typing import Annotated
 import typer
 
 from bench.catalogue.chosen import (
-    BEST_RECONSTRUCTION,
+    BEST_CLASSICAL,
     CHOSEN,
     MeasuredMethod,
     cost_of,
@@ -131,16 +131,16 @@ def _plain_entries(title: str) -> list[tuple[str, str]]:
 
 def _methods(costs: Mapping[str, MeasuredMethod]) -> _Section:
     """Return the methods by kind, with what they were trained on, their colours and their cost."""
-    conditions, methods = [c.id for c in CONDITIONS], [m.id for m in METHODS]
-    chosen = sorted({*CHOSEN[BEST_RECONSTRUCTION].by_condition(conditions, methods).values()})
+    best = CHOSEN[BEST_CLASSICAL]
+    chosen = sorted({*best.best(best.ranking, [m.id for m in METHODS]).values()})
     rows = [
         (m.kind, m.id, m.trained_on or "unknown", m.color or "unknown", _cost(m, costs), m.source)
         for m in METHODS
     ]
     rows += [("", id_, "", "", "", _of_package("method", id_)) for id_ in announced("method")]
     notes = (
-        f"* recommended: {RECOMMENDED} for objects of any kind; '{BEST_RECONSTRUCTION}' is one of "
-        f"{', '.join(chosen)}, by condition",
+        f"* recommended: {RECOMMENDED} for objects of any kind; '{BEST_CLASSICAL}' is one of "
+        f"{', '.join(chosen)}, by metric and condition",
         f"{IMAGES}TREE: a method that was run elsewhere, by its images of an export "
         "(docs/entering.md)",
         "one view: of a new cloud of 2048 points, by results/costs.csv; ~: as another of its "

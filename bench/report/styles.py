@@ -28,7 +28,7 @@ _FLOOR_DASHES: tuple[Dashes, ...] = ((0, (6, 3)), (0, (2, 2)))
 # The families of most plots: these eight differ in hue, marker and dashes at once.
 _COMMON_FAMILIES = (
     *("surface-apss", "splat-net", "pc2pix", "splat"),
-    *("best-reconstruction", "alpha-wrap", "fused-net", "denoised-wrap"),
+    *("best-classical", "alpha-wrap", "fused-net", "denoised-wrap"),
 )
 # The next ones, in an order that gives the methods of a default run a hue each. Rows that choose a
 # method have a place here so that a new family does not change their style.

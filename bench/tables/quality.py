@@ -10,6 +10,7 @@ import math
 from collections.abc import Callable, Container, Iterable, Iterator, Mapping, Sequence
 from dataclasses import replace
 from functools import partial
+from itertools import product
 from typing import Any
 
 import pandas as pd
@@ -259,15 +260,15 @@ def quality_table(spec: TableSpec, rows: pd.DataFrame, remark: str = "") -> Tabl
 
 def _with_chosen_rows(rows: pd.DataFrame) -> pd.DataFrame:
     """Return the rows, with those of chosen methods a second time by the name of their row."""
-    conditions, methods = ({*rows[name]} for name in ("condition", "method"))
-    chosen = {name: row.by_condition(conditions, methods) for name, row in CHOSEN.items()}
+    cells = {*zip(rows["metric"], rows["condition"], strict=True)}
+    chosen = {name: row.best(cells, {*rows["method"]}) for name, row in CHOSEN.items()}
     if not any(chosen.values()):
         return rows
     result = []
     for row in records(rows):
         result.append(row)
         for name, best in chosen.items():
-            if row["method"] == best.get(row["condition"]):
+            if row["method"] == best.get((row["metric"], row["condition"])):
                 also = [] if row["skipped"] else [row["method"]]
                 note = "; ".join(filter(None, [*also, row["note"]]))
                 result.append(row | {"method": name, "note": note, "paper": NAN})
@@ -275,16 +276,14 @@ def _with_chosen_rows(rows: pd.DataFrame) -> pd.DataFrame:
 
 
 def _which_are_chosen(rows: pd.DataFrame) -> str:
-    """Return a sentence for each chosen row, on its method at each condition; empty without any."""
+    """Return a sentence for each chosen row, on its method in each cell; empty without any."""
+    cells = [*product(rows["metric"].unique(), rows["condition"].unique())]
     sentences = []
-    for name in CHOSEN:
+    for name, chosen in CHOSEN.items():
         of_name = rows[(rows["method"] == name) & ~rows["skipped"].astype(bool)]
-        parts = [
-            f"`{method}` at {', '.join(at.unique())}"
-            for method, at in of_name.groupby("measured", sort=False)["condition"]
-        ]
-        if parts:
-            sentences.append(f"`{name}`, chosen on validation objects, is {'; '.join(parts)}.")
+        best = dict(of_name.set_index(["metric", "condition"])["measured"].items())
+        if best:
+            sentences.append(chosen.in_words({cell: best[cell] for cell in cells if cell in best}))
     return " ".join(sentences)
 
 

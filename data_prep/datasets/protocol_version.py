@@ -8,7 +8,7 @@ from data_prep.failures import BadInput
 CHANGES = {
     1: "procedural chairs and classes of version 1; 20 views an object; the conditions of Tables 3 "
     "and 4; SSIM, LPIPS, outlines, thin parts, and distances of features",
-    2: "another sealed split; best-reconstruction is alpha wrapping, of the points as they are or, "
+    2: "another sealed split; best-classical is alpha wrapping, of the points as they are or, "
     "under noise, denoised, with 5 % of outliers and more surface-bpa; the suites measure "
     "fused-net, and occupancy-net in grey, in place of methods that others dominate; splat-net, "
     "splat-net@grey and pc2pix@acgan have other weights",

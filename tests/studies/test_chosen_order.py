@@ -1,20 +1,16 @@
-"""The order of methods by two metrics."""
+"""The order of methods by a metric."""
 
 from __future__ import annotations
 
-import pandas as pd
+from bench.catalogue.chosen import RANKINGS
+from studies.chosen_order import in_order, rankings
 
-from studies.chosen_order import in_order
+
+def test_values_decide_and_where_they_are_equal_or_missing_the_other_order():
+    otherwise, values = ["a", "b", "c", "d"], {"b": 0.5, "c": 0.7, "d": 0.5, "gone": 0.9}
+    assert in_order(values, True, otherwise) == ["c", "b", "d", "a"]
+    assert in_order(values, False, otherwise) == ["b", "d", "c", "a"]
 
 
-def test_ranks_by_both_metrics_decide_and_lpips_where_they_are_equal():
-    values = pd.DataFrame(
-        {"ssim-object": [0.5, 0.6, 0.7, 0.1], "lpips": [-0.1, -0.2, -0.3, -0.4]},
-        index=["sharp", "even", "similar", "worst"],
-    )
-    ordered = in_order(values)
-    assert list(ordered.index) == ["sharp", "even", "similar", "worst"]
-    assert list(ordered["rank"]) == [2.0, 2.0, 2.0, 4.0]
-    assert list(in_order(values.assign(lpips=[-0.1, -0.2, -0.15, -0.4])).index) == [
-        *("similar", "sharp", "even", "worst"),
-    ]
+def test_the_file_is_what_the_measurement_gives():
+    assert RANKINGS.read_text(encoding="utf-8") == rankings()

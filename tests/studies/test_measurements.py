@@ -8,7 +8,7 @@ from pathlib import Path
 
 import pytest
 
-from bench.catalogue.chosen import BEST_RECONSTRUCTION, measured_methods
+from bench.catalogue.chosen import BEST_CLASSICAL, measured_methods
 from bench.catalogue.methods import find_method
 from data_prep.datasets.protocol_version import PROTOCOL_VERSION
 from studies import measurements
@@ -40,7 +40,7 @@ def test_files_are_of_this_protocol_and_of_the_methods_that_their_run_measures(n
         assert measured >= set(asked)
     pairs = lines(NUMBERS / differences_of(name)) if MEASUREMENTS[name].compared else []
     assert {row["method_b"] for row in pairs} == set(MEASUREMENTS[name].compared)
-    assert {row["method_a"] for row in pairs} <= {BEST_RECONSTRUCTION}
+    assert {row["method_a"] for row in pairs} <= {BEST_CLASSICAL}
 
 
 def test_a_run_of_speed_becomes_the_table_of_costs(tmp_path):
@@ -75,7 +75,7 @@ def test_a_run_becomes_its_files(tmp_path, monkeypatch):
     assert [(row["method"], row["metric"]) for row in values] == [
         (method, metric)
         for metric in ("ssim", "lpips")
-        for method in ("alpha-wrap", BEST_RECONSTRUCTION, "splat", "blank")
+        for method in ("alpha-wrap", BEST_CLASSICAL, "splat", "blank")
     ]
     of_run = lines(run / "tables" / "table3_ssim.csv")
     assert values[:4] == [row for row in of_run if row["metric"] == "ssim"]
@@ -84,7 +84,7 @@ def test_a_run_becomes_its_files(tmp_path, monkeypatch):
     value = {(row["method"], row["metric"]): float(row["value"]) for row in values}
     for row in pairs:
         if row["metric"] != "ssim-object":  # paired means of two objects of as many views
-            ours, best = (value[m, row["metric"]] for m in ("splat", BEST_RECONSTRUCTION))
+            ours, best = (value[m, row["metric"]] for m in ("splat", BEST_CLASSICAL))
             # both printed with six decimals
             assert float(row["difference"]) == pytest.approx(ours - best, abs=1.5e-6)
     assert "run_a" not in pairs[0]

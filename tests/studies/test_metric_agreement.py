@@ -6,7 +6,7 @@ import pandas as pd
 
 from studies.metric_agreement import agreement, read_values
 
-METHODS = ("pc2pix", "splat-net", "splat", "blank", "true-mesh", "best-reconstruction")
+METHODS = ("pc2pix", "splat-net", "splat", "blank", "true-mesh", "best-classical")
 SSIM = (0.9, 0.8, 0.7, 0.6, 1.0, 0.1)
 VALUES = {  # a table each
     "table_ssim": ("ssim", SSIM),

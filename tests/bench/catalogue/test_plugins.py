@@ -7,7 +7,7 @@ import sys
 import pytest
 
 from bench.catalogue import methods
-from bench.catalogue.chosen import BEST_RECONSTRUCTION
+from bench.catalogue.chosen import BEST_CLASSICAL
 from bench.catalogue.methods import METHODS, OUR_FAMILIES, find_method
 from bench.catalogue.plugins import find_metric
 from bench.records.record import GROUND_TRUTH
@@ -40,7 +40,7 @@ blank = stranger:METHOD
 -x = stranger:METHOD
 UPPER = stranger:METHOD
 ground-truth = stranger:METHOD
-best-reconstruction = stranger:METHOD
+best-classical = stranger:METHOD
 pc2pix@mine = stranger:METHOD
 twice = stranger:METHOD
 [pc2pix_bench.metrics]
@@ -103,14 +103,14 @@ def test_those_of_other_packages_are_found_listed_and_replace_none_of_ours(stran
     assert f"folder:PATH refused: dataset 'folder' of stranger: {ours}" in lines
     status, out, _ = command("doctor")
     assert status == 1
-    assert f"FAIL other packages: method 'best-reconstruction' of stranger: {ours}\n" in out
+    assert f"FAIL other packages: method 'best-classical' of stranger: {ours}\n" in out
     assert out.count("FAIL other packages: ") == 12
     status, _, err = command("test", "blank")
     assert (status, err) == (2, f"bench: method 'blank' of stranger: {ours}\n")
 
 
 def test_ids_of_this_project_are_all_known():
-    assert {GROUND_TRUTH, BEST_RECONSTRUCTION, "splat", "splat-net"} <= OUR_FAMILIES
+    assert {GROUND_TRUTH, BEST_CLASSICAL, "splat", "splat-net"} <= OUR_FAMILIES
     assert ("procedural", *datasets._STORED) == OUR_KINDS
 
 
@@ -130,7 +130,7 @@ OURS = "pc2pix-bench uses that id itself; rename it in that package"
         ("metric", "text", "stranger:TEXT is not a bench.image_metric.ImageMetric with that id; "),
         ("metric", "missing", "stranger:MISSING cannot be loaded (AttributeError: "),
         *(("method", id_, KEBAB) for id_ in ("../x", "-x", "UPPER")),
-        *(("method", id_, OURS) for id_ in ("ground-truth", "best-reconstruction", "pc2pix@mine")),
+        *(("method", id_, OURS) for id_ in ("ground-truth", "best-classical", "pc2pix@mine")),
         ("metric", "a/b", KEBAB),
         ("metric", "ssim", OURS),
         ("metric", "twice", "there can be one of that id; rename or remove the others"),

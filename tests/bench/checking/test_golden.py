@@ -7,7 +7,7 @@ import pandas as pd
 import pytest
 
 from bench.analysis.scored_run import read_run
-from bench.catalogue.chosen import BEST_RECONSTRUCTION
+from bench.catalogue.chosen import BEST_CLASSICAL
 from bench.catalogue.lookup import find
 from bench.catalogue.methods import FLOORS
 from bench.catalogue.suites import SUITES, with_truth
@@ -108,7 +108,7 @@ def has_the_tolerances_of_its_rules(frame):
 def test_a_cell_of_two_tables_is_blessed_once_and_with_room_below_zero(run):
     rows = records(tables(read_run(run))[0].frame)
     below = rows[0] | {"metric": "kd-views", "value": -2.0}
-    other = rows[0] | {"method": BEST_RECONSTRUCTION}  # the value of another method
+    other = rows[0] | {"method": BEST_CLASSICAL}  # the value of another method
     lines = golden_lines(2 * (*rows, below, other), {"seed": 0})
     assert len(lines) == len(rows) + 1
     (line,) = (line for line in lines if line["metric"] == "kd-views")

@@ -143,7 +143,7 @@ CASES: dict[str, str] = {
     "new method ../escape": "an id is kebab-case",
     "new method my-method@a": "an id is kebab-case",
     "new method splat-net": "pc2pix-bench uses that id itself",
-    "new method best-reconstruction": "pc2pix-bench uses that id itself",
+    "new method best-classical": "pc2pix-bench uses that id itself",
     "new metric ssim-object": "pc2pix-bench uses that id itself",
     "new dataset shapenet": "pc2pix-bench uses that id itself",
     "new method 3d-hull": "Python cannot import a module '3d_hull'",

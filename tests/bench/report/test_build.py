@@ -121,7 +121,7 @@ def test_the_first_screen_and_the_terminal_say_what_is_not_measured(
 def test_every_value_of_the_tables_is_in_the_page(of_random_values, document):
     shown = number_tables(document)
     rows = rows_of(*of_random_values.tables)
-    # four methods and best-reconstruction
+    # four methods and best-classical
     assert len(rows) == 5 * 2 * (4 + 6 + 6 + 3)
     for row in rows:
         two, one = row.metric in ("psnr", *CONTROL_METRICS), row.metric.startswith("fd-")

@@ -135,7 +135,7 @@ def test_the_best_by_the_headline_has_a_column(drawn):
         row("ssim-object", "splat-net", AVERAGE, 0.8),
         row("ssim-object", "blank", AVERAGE, 0.9),  # does not compete
         row("ssim-object", "splat", AVERAGE, 0.95) | {"failures_as_blank": 0.2},
-        row("ssim-object", "best-reconstruction", AVERAGE, 0.99),  # another by that name
+        row("ssim-object", "best-classical", AVERAGE, 0.99),  # another by that name
         row("lpips", "splat-net", AVERAGE, 0.2),
         row("lpips", "points2pix", AVERAGE, 0.1),
         row("lpips", "surface-apss", AVERAGE, NAN),

@@ -1,16 +1,17 @@
-"""Rows that are another method at each condition, in tables and comparisons."""
+"""Rows that are another method by metric and condition, in tables and comparisons."""
 
 from __future__ import annotations
 
 import csv
 import io
 from dataclasses import replace
+from itertools import product
 
 import pytest
 
 from bench.analysis.run_pairs import methods_of_run, standing
 from bench.analysis.scored_run import read_run
-from bench.catalogue.chosen import BEST_LEARNED_3D, BEST_RECONSTRUCTION, CHOSEN
+from bench.catalogue.chosen import BEST_CLASSICAL, BEST_LEARNED_3D, CHOSEN, OTHER_METRICS
 from bench.catalogue.methods import METHODS as CATALOGUE
 from bench.catalogue.methods import role
 from bench.catalogue.suites import SUITES
@@ -22,14 +23,18 @@ from bench.tables.quality import headline
 from ..builders import rows_of, write_run
 
 METHODS = ["surface-apss", "denoised-wrap", "splat", "blank"]
-CHOICE = {"2048": ("denoised-wrap", "surface-apss"), "512": ("surface-apss", "denoised-wrap")}
+CHOICE = {
+    ("ssim", "2048"): ("splat", "surface-apss"),
+    ("ssim", "512"): ("surface-apss", "splat"),
+    (OTHER_METRICS, "2048"): ("denoised-wrap", "surface-apss"),
+    (OTHER_METRICS, "512"): ("surface-apss", "denoised-wrap"),
+}
 
 
 @pytest.fixture
 def choice(monkeypatch):
-    """A ranking that differs between two conditions."""
-    row = CHOSEN[BEST_RECONSTRUCTION]
-    monkeypatch.setitem(CHOSEN, row.id, replace(row, ranking={**row.ranking, **CHOICE}))
+    """A ranking that differs between two conditions, at the first also between metrics."""
+    monkeypatch.setitem(CHOSEN, BEST_CLASSICAL, replace(CHOSEN[BEST_CLASSICAL], ranking=CHOICE))
 
 
 @pytest.fixture
@@ -39,26 +44,41 @@ def directory(choice, tmp_path):
 
 
 def test_the_choice_is_among_two_or_more(choice):
-    row = CHOSEN[BEST_RECONSTRUCTION]
-    assert row.by_condition(["2048"], METHODS) == {"2048": "denoised-wrap"}
-    assert row.by_condition(["512"], ["blank", "surface-apss"]) == {}
-    assert row.by_condition(["512", "unheard-of"], METHODS) == {"512": "surface-apss"}
-    assert role(BEST_RECONSTRUCTION) == role(BEST_LEARNED_3D) == "chosen"
+    row = CHOSEN[BEST_CLASSICAL]
+    at = ("lpips", "2048")
+    assert row.best([at, ("ssim", "2048")], METHODS) == {
+        at: "denoised-wrap",
+        ("ssim", "2048"): "splat",
+    }
+    assert row.best([at], ["blank", "surface-apss"]) == {}
+    assert row.best([("psnr", "512"), ("psnr", "unheard-of")], METHODS) == {
+        ("psnr", "512"): "surface-apss"
+    }
+    assert role(BEST_CLASSICAL) == role(BEST_LEARNED_3D) == "chosen"
 
 
 def test_one_network_that_learned_in_3d_is_enough():
     row = CHOSEN[BEST_LEARNED_3D]
-    assert row.by_condition(["512"], ["occupancy-net", "blank"]) == {"512": "occupancy-net"}
-    assert row.by_condition(["512"], METHODS) == {}
+    at = ("ssim", "512")
+    assert row.best([at], ["occupancy-net", "blank"]) == {at: "occupancy-net"}
+    assert row.best([at], METHODS) == {}
+
+
+def test_the_strongest_differ_by_metric():
+    """Of two meshes and discs that fill the image, by what was measured."""
+    cells = [(m, c) for m in ("ssim", "ssim-object", "lpips") for c in ("2048", "noise-0.10")]
+    best = CHOSEN[BEST_CLASSICAL].best(cells, ["alpha-wrap", "denoised-wrap", "splat-fill"])
+    assert list(best.values()) == [*("alpha-wrap", "splat-fill") * 2, "alpha-wrap", "denoised-wrap"]
 
 
 def test_every_ranking_is_of_what_there_is():
     """Each condition of a suite has a ranking of the same methods, none of them twice."""
     for row in CHOSEN.values():
-        group = set(row.ranking["2048"])
+        group = set(row.ranking[OTHER_METRICS, "2048"])
+        metrics = {metric for metric, _ in row.ranking}
         for suite in SUITES:
-            for condition in suite.conditions:
-                assert sorted(row.ranking[condition]) == sorted(group)
+            for cell in product(metrics, suite.conditions):
+                assert sorted(row.ranking[cell]) == sorted(group)
 
 
 def test_all_that_learn_nothing_are_ranked():
@@ -68,7 +88,8 @@ def test_all_that_learn_nothing_are_ranked():
         for method in CATALOGUE
         if method.kind in ("reconstruction", "splat") and method.trained_on == "nothing"
     }
-    assert candidates == set(CHOSEN[BEST_RECONSTRUCTION].ranking["2048"]) | {"open3d-poisson"}
+    ranked = set(CHOSEN[BEST_CLASSICAL].ranking[OTHER_METRICS, "2048"])
+    assert candidates == ranked | {"open3d-poisson"}
 
 
 def test_the_row_has_the_values_of_the_chosen_method(directory):
@@ -77,27 +98,29 @@ def test_the_row_has_the_values_of_the_chosen_method(directory):
         rows = {(row.method, row.condition, row.metric): row for row in rows_of(table)}
         metrics = {metric for _, _, metric in rows}
         for metric in metrics:
-            for condition, (chosen, _) in CHOICE.items():
-                row, its = (rows[name, condition, metric] for name in (BEST_RECONSTRUCTION, chosen))
+            for condition in ("2048", "512"):
+                chosen, _ = CHOICE.get((metric, condition), CHOICE[OTHER_METRICS, condition])
+                row, its = (rows[name, condition, metric] for name in (BEST_CLASSICAL, chosen))
                 assert (row.value, row.ci_low, row.n) == pytest.approx(
                     (its.value, its.ci_low, its.n), nan_ok=True
                 )
                 assert row.note == its.note if its.skipped else row.note.startswith(chosen)
     text = tables(run)[0].to_markdown()
     assert (
-        "`best-reconstruction`, chosen on validation objects, is `denoised-wrap` at 2048; "
+        "`best-classical`, chosen on validation objects, is by ssim `splat` at 2048; "
+        "`surface-apss` at 512; by luminance, contrast, structure `denoised-wrap` at 2048; "
         "`surface-apss` at 512." in text
     )
-    lines = [line for line in text.splitlines() if line.startswith("| best-reconstruction |")]
+    lines = [line for line in text.splitlines() if line.startswith("| best-classical |")]
     assert len(lines) == 4
     assert not any("**" in line for line in lines)  # the method itself is marked
 
 
 def test_it_is_compared_by_its_name(directory):
-    found = methods_of_run(directory, ["best-reconstruction", "splat"], ["ssim"])
+    found = methods_of_run(directory, ["best-classical", "splat"], ["lpips"])
     direct = {
-        condition: methods_of_run(directory, [chosen, "splat"], ["ssim"])
-        for condition, (chosen, _) in CHOICE.items()
+        condition: methods_of_run(directory, [chosen, "splat"], ["lpips"])
+        for condition, chosen in (("2048", "denoised-wrap"), ("512", "surface-apss"))
     }
     rows = {
         row["condition"]: row
@@ -111,10 +134,16 @@ def test_it_is_compared_by_its_name(directory):
         ]
         for name in ("value_a", "value_b", "difference", "ci_low", "ci_high", "p"):
             assert rows[condition][name] == expected[name]
-    assert rows["2048"]["method_a"] == "best-reconstruction"
+    assert rows["2048"]["method_a"] == "best-classical"
     assert found.remarks == (
-        "`best-reconstruction` is `denoised-wrap` at 2048, `surface-apss` at 512.",
+        "`best-classical`, chosen on validation objects, is `denoised-wrap` at 2048; "
+        "`surface-apss` at 512.",
     )
+    by_two = methods_of_run(directory, ["best-classical", "blank"], ["ssim", "lpips"])
+    assert "is by ssim `splat` at 2048; `surface-apss` at 512; by lpips " in by_two.remarks[0]
+    values = by_two.cells.set_index(["metric", "condition"])
+    assert values.loc[("ssim", "2048"), "images_of_a"] == "splat"
+    assert values.loc[("lpips", "2048"), "images_of_a"] == "denoised-wrap"
 
 
 def test_an_added_method_is_compared_with_the_best_by_each_metric(directory):
@@ -125,7 +154,7 @@ def test_an_added_method_is_compared_with_the_best_by_each_metric(directory):
     run = read_run(directory)
     compared = standing(run, "splat", ["splat"]).against
     assert {metric: d.a for by, d in compared for metric in by} == best
-    assert compared[-1][1].a == BEST_RECONSTRUCTION
+    assert compared[-1][1].a == BEST_CLASSICAL
     for _, differences in compared:
         pair = methods_of_run(directory, [differences.a, "splat"], None)
         assert differences_table(differences).to_csv() == differences_table(pair).to_csv()

@@ -10,6 +10,7 @@ import pandas as pd
 import pytest
 from rich.cells import cell_len
 
+from bench.catalogue.chosen import BEST_CLASSICAL, CHOSEN
 from bench.tables.differences import comparison_lines
 
 from ..differences import make_difference, make_differences
@@ -17,6 +18,7 @@ from ..differences import make_difference, make_differences
 REPOSITORY = Path(__file__).parents[3]
 CONDITIONS = ("2048", "512", "noise-0.05")
 HEADLINE = ("ssim-object", "lpips")
+WRAPS = ("alpha-wrap", "denoised-wrap")
 
 
 def lines(rows, width=80, **sides):
@@ -65,9 +67,6 @@ def test_a_mixed_verdict_counts_the_cells(aheads, verdict):
 def test_the_page_shows_the_verdict_on_the_sealed_chairs():
     rows = pd.read_csv(REPOSITORY / "results" / "docs" / "sealed-differences.csv")
     rows = rows[(rows.method_b == "splat-net@chair") & rows.metric.isin(HEADLINE)]
-    best = "alpha-wrap", "alpha-wrap", "alpha-wrap", "denoised-wrap", "denoised-wrap"
-    conditions = rows["condition"].astype(str).unique()
-    chosen = (f"`{m}` at {condition}" for m, condition in zip(best, conditions, strict=True))
     cells = [
         make_difference(row["metric"], str(row["condition"]), row["difference"], row["ahead"])
         | {name: row[name] for name in ("objects", "method_a", "method_b")}
@@ -75,8 +74,9 @@ def test_the_page_shows_the_verdict_on_the_sealed_chairs():
     ]
     page = (REPOSITORY / "docs" / "compare.md").read_text(encoding="utf-8")
     (block,) = re.findall(r"^```text\n(.*?)\n```", page, re.MULTILINE | re.DOTALL)
-    remark = f"`best-reconstruction` is {', '.join(chosen)}."
-    shown = lines(cells, remarks=(remark,), a="best-reconstruction", b="splat-net@chair")
+    best = CHOSEN[BEST_CLASSICAL]
+    chosen = best.best([(c["metric"], c["condition"]) for c in cells], WRAPS)
+    shown = lines(cells, remarks=(best.in_words(chosen),), a="best-classical", b="splat-net@chair")
     assert shown == block.splitlines()
 
 
@@ -114,7 +114,7 @@ def test_all_objects_and_the_classes_have_a_sentence_each():
 @pytest.mark.parametrize("width", [60, 40, 30, 20])
 def test_a_narrow_terminal(width):
     """Conditions come in parts; nothing is left out."""
-    shown = lines(better(), width, remarks=("`best-reconstruction` is `denoised-wrap` at 2048.",))
+    shown = lines(better(), width, remarks=("`best-classical` is `denoised-wrap` at 2048.",))
     assert max(map(cell_len, shown)) <= width
     text = " ".join(shown)
     assert text.count("better") == 6

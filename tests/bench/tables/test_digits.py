@@ -96,7 +96,7 @@ def test_a_difference_is_of_the_digits_of_both_values(method, text, printed):
     made = make_difference(
         *("ssim", "2048", 0.0359),
         **{"value_a": 0.7764, "value_b": 0.8123, "ci_low": 0.02, "ci_high": 0.0512},
-        **{"method_a": "best-reconstruction", "images_of_a": method},
+        **{"method_a": "best-classical", "images_of_a": method},
     )
     assert difference_cell(made).text == text
     lines = comparison_lines(make_differences([made]), 80)
