@@ -40,7 +40,9 @@ def test_a_live_bar_in_a_terminal(monkeypatch, capsys):
 def test_a_training_says_its_first_and_last_step(capsys):
     with step_progress("autoencoder") as show:
         for step in (1, 2, 3, 100):
-            show(StepReport(step, 100, {"chamfer": 0.03125}, 98.06 if step > 1 else None, 3671.6))
+            show(
+                StepReport(step, 100, {"chamfer": 0.03125}, 32, 98.06 if step > 1 else None, 3671.6)
+            )
     assert capsys.readouterr() == (
         "",
         "autoencoder: step 1/100, chamfer 0.03125\n"

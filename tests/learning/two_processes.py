@@ -60,8 +60,8 @@ def keep_states(folder):
     """Have every process write its trainer's state after each training."""
     run = training_loop.run
 
-    def run_and_keep(trainer, out_dir, on_progress):
-        path = run(trainer, out_dir, on_progress)
+    def run_and_keep(trainer, out_dir, *more):
+        path = run(trainer, out_dir, *more)
         plain = {key: value.detach().contiguous() for key, value in trainer.state().items()}
         save_file(plain, folder / f"{out_dir.name}-{trainer.processes.rank}.safetensors")
         return path
