@@ -165,11 +165,10 @@ FILES: dict[str, WeightFiles] = {
         "splat-net-weights-2",
         {
             "all": "6331efaaab8aadc111f7607c5a19b5396e0dfeb114491bc5ea09a236538a6a12",
-            "all-tiny": "43900479f408df098f21ac91efb43c9d3689b04c0a24176db579ae83f8462e5f",
             "chair": "4fd59c7c06567f4c19360be9c1954f8c2b0a16c017614dd8dfb93f59131a677c",
             "points2pix": "f8efac2fc45c43ec3f550d1e5167c459e63f4e354f4737685e086192a253da96",
         },
-        in_grey=("all", "all-tiny"),
+        in_grey=("all",),
     ),
     "baselines.fused_net": _files(
         "baselines.fused_net",

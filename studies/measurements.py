@@ -72,25 +72,21 @@ MEASUREMENTS: Mapping[str, QuotedRun] = {
         copied=(("table5_orderings", "thirteen-classes-orderings"),),
     ),
     "real-meshes-grey": QuotedRun(
-        f"{_ON_MESHES} --truth grey --methods {_OPPONENTS},pc2pix,pc2pix@all,"
-        f"splat-net@tiny-grey,{GREY},blank",
-        (
-            *("splat-net@grey", "splat-net@tiny-grey"),
-            *("fused-net@grey", "occupancy-net", "pc2pix@all"),
-        ),
+        f"{_ON_MESHES} --truth grey --methods {_OPPONENTS},splat,pc2pix,pc2pix@all,{GREY},blank",
+        ("splat-net@grey", "fused-net@grey", "occupancy-net", "pc2pix@all"),
         FIRST,
     ),
     "real-meshes-coloured": QuotedRun(
         f"{_ON_MESHES} --methods alpha-wrap,denoised-wrap,occupancy-net,pc2pix@all,splat-net,"
-        "splat-net@tiny,splat-net@grey,fused-net,blank",
-        ("splat-net", "splat-net@tiny", "splat-net@grey", "fused-net", "occupancy-net"),
+        "splat-net@grey,fused-net,blank",
+        ("splat-net", "splat-net@grey", "fused-net", "occupancy-net"),
         FIRST,
     ),
     "costs": QuotedRun(
         "--suite speed --device cpu --limit 4 --methods surface-apss,surface-fit,surface-bpa,"
         "poisson,alpha-wrap,denoised-wrap,pc2pix,pc2pix@paper,splat-net,splat-net@grey,"
-        "splat-net@chair,splat-net@tiny,splat-net@tiny-grey,points2pix,occupancy-net,fused-net,"
-        "fused-net@grey,splat,splat-fill,true-mesh,constant,blank",
+        "splat-net@chair,points2pix,occupancy-net,fused-net,fused-net@grey,splat,"
+        "splat-fill,true-mesh,constant,blank",
     ),
 }
 

@@ -68,14 +68,12 @@ class NetworkConfig:
 
 
 DEFAULT = NetworkConfig()
-# Normals and flattened points cost more than all of its layers.
-TINY = NetworkConfig(inputs=Inputs(normals=False, flattened=False), widths=(8, 16, 32, 48, 64))
 POINTS2PIX = NetworkConfig(
     inputs=Inputs((1,), normals=False, density=False, flattened=False, far=False),
     widths=(16, 32, 64, 96, 96),
     body="points2pix",
 )
-NETWORKS = {"tiny": TINY, "default": DEFAULT, "points2pix": POINTS2PIX}
+NETWORKS = {"default": DEFAULT, "points2pix": POINTS2PIX}
 
 
 class Block(nn.Sequential):

@@ -71,8 +71,8 @@ def read_start(name_or_path: str, config: NetworkConfig, seed: int = 0) -> Start
         )
     if read.widths != config.widths:
         raise BadInput(
-            f"--start {name_or_path}: is of widths {read.widths}, asked for {config.widths}; use "
-            "another --network"
+            f"--start {name_or_path}: is of widths {read.widths}, asked for {config.widths}; give "
+            "weights of these widths"
         )
     state["first.conv.weight"] = _arranged(state["first.conv.weight"], read.inputs, config.inputs)
     network = training_loop.seeded(seed, lambda: SplatNet(config))

@@ -194,7 +194,7 @@ SUITES = (
             *(f"surface-bpa@radius={percent}" for percent in (2, 3, 5)),
             *_ids("poisson@depth=5 poisson@depth=6 poisson poisson@depth=8 alpha-wrap"),
             *_ids("denoised-wrap@ball=1.5 denoised-wrap denoised-wrap@ball=3 denoised-wrap@ball=4"),
-            *_ids("occupancy-net pc2pix pc2pix@paper splat-net@chair splat-net@tiny splat-net"),
+            *_ids("occupancy-net pc2pix pc2pix@paper splat-net@chair splat-net"),
             *_ids("fused-net splat@spread=0.5 splat splat@spread=1.5 splat@spread=2 splat-fill"),
             *_ids("true-mesh constant blank"),
         ),
@@ -272,8 +272,8 @@ STABILITY = Procedure(
     about="extreme clouds and views: images, an invariant or a named failure",
     methods=_ids(
         "surface-apss surface-fit surface-bpa poisson alpha-wrap denoised-wrap pc2pix "
-        "pc2pix@acgan splat-net@chair splat-net@grey splat-net@tiny-grey fused-net "
-        "fused-net@grey occupancy-net splat splat-fill true-mesh constant blank"
+        "pc2pix@acgan splat-net@chair splat-net@grey fused-net fused-net@grey occupancy-net splat "
+        "splat-fill true-mesh constant blank"
     ),
 )
 SPEED = Procedure(

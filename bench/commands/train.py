@@ -115,7 +115,7 @@ TRAININGS: dict[str, tuple[str, dict[str, str | OptionSpec]]] = {
         TRAIN_OPTIONS
         | _U_NET_OPTIONS
         | {
-            "network": "Network: tiny, default or points2pix.",
+            "network": "Network: default or points2pix.",
             "colours": "One colour for the image, whatever the shape, or one for each pixel.",
         },
     ),
@@ -124,7 +124,6 @@ TRAININGS: dict[str, tuple[str, dict[str, str | OptionSpec]]] = {
         TRAIN_OPTIONS
         | _U_NET_OPTIONS
         | {
-            "network": "Network: tiny, default or large, as of splat-net.",
             "meshes": OptionSpec(
                 "Methods whose meshes it sees, comma-separated: denoised-wrap, occupancy-net.",
                 convert=lambda text: names(text) or (),

@@ -26,7 +26,7 @@ from baselines.occupancy_net.train import OccupancyNetTrainer
 from baselines.splat_net import weights as splat_net_weights
 from baselines.splat_net.config import SplatNetConfig
 from baselines.splat_net.losses import OBJECTIVES, FeatureMaps
-from baselines.splat_net.network import COLOUR_HEADS, NETWORKS, Material, NetworkConfig
+from baselines.splat_net.network import COLOUR_HEADS, DEFAULT, NETWORKS, Material, NetworkConfig
 from baselines.splat_net.start import grey_beside, read_start
 from baselines.splat_net.train import SplatNetTrainer
 from bench.metrics.inception_weights import WeightsUnavailable
@@ -143,9 +143,8 @@ def _splat_net(options: Any) -> Path:
 def _fused_net(options: Any) -> Path:
     check_meshes(options.meshes, "--meshes")
     features = compared_features(options.objective, device=options.device)
-    network = _find_network(options.network)
-    inputs = replace(network.inputs, meshes=options.meshes)
-    network = replace(network, inputs=inputs, heads=COLOUR_HEADS["image"])
+    inputs = replace(DEFAULT.inputs, meshes=options.meshes)
+    network = replace(DEFAULT, inputs=inputs, heads=COLOUR_HEADS["image"])
     start = read_start(options.start, network, options.seed) if options.start else None
     config = _config(
         FusedNetConfig,

@@ -60,7 +60,6 @@ def _options_of(name: str, config: type[Any], **further: tuple[Any, Any]) -> typ
 
 
 _START = (str | None, None)  # weights, or random ones
-_NETWORK = (str, "default")  # a key of `baselines.splat_net.network.NETWORKS`
 OPTIONS: dict[str, type[Any]] = {
     "autoencoder": _options_of(
         "autoencoder",
@@ -81,14 +80,13 @@ OPTIONS: dict[str, type[Any]] = {
     "splat-net": _options_of(
         "splat-net",
         SplatNetConfig,
-        network=_NETWORK,
+        network=(str, "default"),  # a key of `baselines.splat_net.network.NETWORKS`
         start=_START,
         colours=(Literal["image", "pixel"], "image"),
     ),
     "fused-net": _options_of(
         "fused-net",
         FusedNetConfig,
-        network=_NETWORK,
         start=_START,
         views=(int, 4),
         meshes=(tuple[str, ...], ("denoised-wrap", "occupancy-net")),

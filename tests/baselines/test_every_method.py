@@ -25,12 +25,12 @@ SURFACES = tuple(  # Open3D is an extra
 )
 NETWORKS = (
     *("pc2pix", "pc2pix@acgan", "splat-net@chair"),
-    *("splat-net", "splat-net@tiny", "points2pix", "occupancy-net", "fused-net"),
+    *("splat-net", "points2pix", "occupancy-net", "fused-net"),
 )
 METHODS = (*SURFACES, *NETWORKS, "splat", "splat-fill", "true-mesh", *FLOORS)
 ORDERLESS = (
     *("surface-fit", "alpha-wrap", "denoised-wrap"),
-    *("splat-net@tiny", "splat", "splat-fill", "occupancy-net", "fused-net"),
+    *("splat-net", "splat", "splat-fill", "occupancy-net", "fused-net"),
 )
 # `features` of the images of a clean cloud and, for some, of a noisy one.
 VALUES: dict[str, list[tuple[float, float]]] = {
@@ -43,8 +43,7 @@ VALUES: dict[str, list[tuple[float, float]]] = {
     "pc2pix": [(0.896597, 0.013476)],
     "pc2pix@acgan": [(0.924630, 0.018089)],
     "splat-net@chair": [(0.917226, 0.014813)],
-    "splat-net": [(0.945244, 0.008798)],
-    "splat-net@tiny": [(0.933296, 0.008535), (0.917644, 0.012620)],
+    "splat-net": [(0.945244, 0.008798), (0.938382, 0.007316)],
     "points2pix": [(0.931353, 0.010579)],
     "occupancy-net": [(0.947588, 0.009339), (0.943953, 0.011252)],
     "fused-net": [(0.944496, 0.009058), (0.942956, 0.007734)],

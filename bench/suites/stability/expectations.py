@@ -207,9 +207,7 @@ _STATED: Mapping[str, _Statements] = {
     "pc2pix@all": _PC2PIX | {"noise-2": _OFF},
     # Its code is small sums of large numbers, so that rounded points move it by more.
     "pc2pix@acgan": _PC2PIX | {"noise-2": _OFF, "millimetres": Agrees(2.0)},
-    "splat-net splat-net@chair splat-net@grey splat-net@tiny points2pix": _SPLAT_NET,
-    # A few points, or few in sight of a camera among them, cover too little of a pixel to show.
-    "splat-net@tiny-grey": _SPLAT_NET | {f"{_FEW} all-equal int {_LARGE}": _SOME_BLANK},
+    "splat-net splat-net@chair splat-net@grey points2pix": _SPLAT_NET,
     "fused-net fused-net@grey": _FUSED_NET,
     "occupancy-net": {
         **_FINITE_ONLY,

@@ -133,7 +133,7 @@ def test_what_training_cannot_start_from(files) -> None:
     grey = files.with_name("weights-grey.safetensors")
     for name, network, message in (
         ("chair", POINTS2PIX, "--start chair: is of splat-net, asked for points2pix"),
-        (files, DEFAULT, r"widths \(4, 6.*asked for \(16, 32.*use another --network"),
+        (files, DEFAULT, r"widths \(4, 6.*asked for \(16, 32.*give weights of these widths"),
         (grey, SMALL, r"weights-grey-grey\.safetensors' is neither"),
         ("all", SMALL, "has one colour for the image; leave --colours out"),
     ):

@@ -52,7 +52,6 @@ def test_a_head_that_is_not_there(trained, tmp_path):
     ("package", "name", "levels"),
     [
         (splat_net, "all", (175, 142, 255)),
-        (splat_net, "all-tiny", (173, 142, 255)),
         (fused_net, "all", (177, 140, 255)),
     ],
 )

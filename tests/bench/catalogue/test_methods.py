@@ -27,8 +27,7 @@ from data_prep.files.checksums import file_sha256
 def test_every_method_says_what_it_was_trained_on():
     trained = {method.id: method.trained_on for method in BUNDLED}
     assert {name for name, on in trained.items() if on == "13 classes"} == {
-        *("pc2pix@all", "splat-net", "splat-net@grey", "splat-net@tiny", "splat-net@tiny-grey"),
-        *("points2pix", "occupancy-net"),
+        *("pc2pix@all", "splat-net", "splat-net@grey", "points2pix", "occupancy-net"),
         *("fused-net", "fused-net@grey"),
     }
     learned = {name for name, on in trained.items() if on != "nothing"}
@@ -120,7 +119,6 @@ def test_grey_methods_keep_the_keys_of_their_jobs():
     """Their tensors are those of the files that they had."""
     kept = {
         "splat-net@grey": "0445cfb77209b1c073dd734f0fe6b3307884d28faf3f498a5d50375f5c589416",
-        "splat-net@tiny-grey": "d81ce265948ae583db8aec0a6d9d075a6602b1bcde7ab1db21b5685c17b6010c",
         "fused-net@grey": "bb4d03c1b3594fee5d69278ea889ffa4bc84b923a1a3cfbe0906c02088cc6b0a",
     }
     for name, checksum in kept.items():

@@ -176,8 +176,8 @@ CASES: dict[str, str] = {
         f"render cloud.xyz --budget='{text}'": "give a time over 0 with its unit, as in 50ms"
         for text in ("", "50", "ms", "0ms", "-5ms", "1e3ms", "5 ms", "infs", "1h")
     },
-    "render cloud.xyz --budget 6.5ms": "budget 6.5ms: the cheapest method is splat-net@tiny-grey "
-    "with 7.7 ms for one image; give at least 7.7ms",
+    "render cloud.xyz --budget 4.9ms": "budget 4.9ms: the cheapest method is splat with 5 ms for "
+    "one image; give at least 5ms",
     f"{ROBUSTNESS} --workers 100000": "--workers 100000: too many processes; give at most 1024",
     # --- data, weights and folders of something else
     f"{ROBUSTNESS} --dataset folder:meshes": "folder:meshes: no class 'chair' (a sub-folder of tha",
@@ -239,12 +239,12 @@ CASES: dict[str, str] = {
     "run --config shard/manifest.json --dry-run": "the 1 objects of that run are not the 2 that op",
     f"{ROBUSTNESS} --out=~nobody-of-this-name/y": "~nobody-of-this-name/y: no such user; give the ",
     # --- trainings
-    "train splat-net --network huge": "--network: unknown 'huge'; choose one of tiny, default, poi",
+    "train splat-net --network huge": "--network: unknown 'huge'; choose one of default, points2pi",
     "train splat-net --objective l2": "objective: unknown 'l2'; choose one of l1, l1-patch",
     "train fused-net --meshes poisson": "--meshes: meshes of poisson; choose from denoised-wrap, ",
-    "train fused-net --network huge": "--network: unknown 'huge'; choose one of tiny, default, poi",
+    "train fused-net --network default": "--network' went with version 2.0: leave it; there is one",
     "train fused-net --start nosuch": "weights: 'nosuch' is neither a bundled name",
-    "train splat-net --start chair --network tiny": "--start chair: is of widths (16, 32, 64, 128",
+    "train splat-net --start chair --network points2pix": "--start chair: is of splat-net, asked f",
     "train splat-net --batch 7": "batch 7: 2 views of a cloud are drawn together; use a multiple o",
     "train splat-net --views 1": "1 views of an object: at least 2 are drawn together; render more",
     **{
@@ -261,7 +261,7 @@ CASES |= {
     f"render cloud.xyz {options}": problem
     for options, problem in {
         "--budget 50ms --method splat": "budget 50ms: it chooses the method, and splat is named",
-        "--budget 0.1ms": "budget 0.1ms: the cheapest method is splat-net@tiny-grey with 7.7 ms",
+        "--budget 0.1ms": "budget 0.1ms: the cheapest method is splat with 5 ms for one image; g",
         "--budget 50": "budget 50: give a time over 0 with its unit, as in 50ms or 0.2s",
         "--colour invented --method surface-fit": "method 'surface-fit' draws in grey",
         "--colour invented --budget 50ms": "budget 50ms: the methods that it chooses",

@@ -66,15 +66,14 @@ def trained(command, tmp_path, name, *options):
 
 def test_splat_net_from_the_command_line_to_a_method(command, tmp_path):
     """Both files are methods, and from their weights another training starts."""
-    options = ("--views", "2", "--network", "tiny", "--batch", "4", "--cool-down", "1")
+    options = ("--views", "2", "--batch", "4", "--cool-down", "1")
     file = trained(command, tmp_path, "splat-net", *options, "--steps", "2")
     assert file == tmp_path / "trained" / "weights.safetensors"
     for name, heads in (("weights", ("grey", "albedo")), ("weights-grey", ("grey",))):
         method = find_method(f"splat-net@{file.with_name(name)}.safetensors")
         weights = method.load("cpu").weights
         assert weights.network.config.heads == heads
-        # two discs, the farthest, three densities; tiny has neither normals nor flattened points
-        assert weights.network.config.inputs.channels == 6
+        assert weights.network.config.inputs.channels == 22
         assert weights.card["steps"] == 2
         assert weights.card["learning_rates"] == "0.002"  # the last step is at full rate
         assert method.identity().endswith(weights.sha256)

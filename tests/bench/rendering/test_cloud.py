@@ -152,10 +152,10 @@ def test_a_size_and_a_transparent_background(command, refused, plugins, tmp_path
     cloud, out, large = (tmp_path / name for name in ("cloud.npy", "out.png", "large.png"))
     np.save(cloud, generator("test").normal(size=(300, 3)))
     note = (
-        "note: splat-net@tiny-grey draws 128 x 128 pixels; resampled to 300 x 300 (Lanczos), which "
+        "note: splat-net@grey draws 128 x 128 pixels; resampled to 300 x 300 (Lanczos), which "
         "adds no detail; surfaces and discs are drawn at any size\n"
     )
-    splat = ("render", cloud, "--method", "splat-net@tiny-grey")
+    splat = ("render", cloud, "--method", "splat-net@grey")
     assert command(*splat, "-o", out) == (0, f"{out}\n", "")
     assert command(*splat, "--size", "300", "-o", large) == (0, f"{large}\n", note)
     enlarged = Image.open(out).resize((300, 300), Image.Resampling.LANCZOS)

@@ -22,7 +22,7 @@ from data_prep.failures import BadInput
 from data_prep.randomness import generator
 from data_prep.scene import View
 
-METHODS = ("surface-bpa", "alpha-wrap", "splat-net@tiny-grey")  # MeshLab, OpenGL, PyTorch
+METHODS = ("surface-bpa", "alpha-wrap", "splat-net@grey")  # MeshLab, OpenGL, PyTorch
 points = generator("test").normal(size=(300, 3)) * (1, 2, 3)
 
 def draw(method):
