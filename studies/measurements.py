@@ -28,6 +28,7 @@ from bench.analysis.run_pairs import methods_of_run
 from bench.analysis.scored_run import Run, read_run
 from bench.catalogue.chosen import BEST_CLASSICAL, COSTS
 from bench.catalogue.methods import find_method, role
+from bench.catalogue.suites import ROBUSTNESS
 from bench.tables.build import tables
 from bench.tables.differences import differences_table
 from bench.tables.table import TABLES, csv_text
@@ -43,7 +44,7 @@ CLASSES = "--suite thirteen-classes"
 _ON_MESHES = (
     f"{CLASSES} --dataset folder:PATH --conditions 2048,512,noise-0.05,noise-0.10 --views 4"
 )
-_OPPONENTS = "surface-apss,alpha-wrap,denoised-wrap,occupancy-net"
+_OPPONENTS = "surface-apss,alpha-wrap,denoised-wrap,splat-fill,occupancy-net"
 GREY = "splat-net@grey,fused-net@grey"
 
 
@@ -58,7 +59,8 @@ class QuotedRun(NamedTuple):
 
 MEASUREMENTS: Mapping[str, QuotedRun] = {
     "sealed": QuotedRun(
-        "--suite chair-robustness --dataset procedural:sealed --limit 76",
+        "--suite chair-robustness --dataset procedural:sealed --limit 76 "
+        f"--methods {','.join((*ROBUSTNESS.methods, 'splat-fill'))}",
         ("splat-net@chair", "splat-net", "fused-net", "pc2pix"),
     ),
     "known-chairs-grey": QuotedRun(
