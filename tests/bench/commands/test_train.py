@@ -73,7 +73,7 @@ def test_splat_net_from_the_command_line_to_a_method(command, tmp_path):
         method = find_method(f"splat-net@{file.with_name(name)}.safetensors")
         weights = method.load("cpu").weights
         assert weights.network.config.heads == heads
-        assert weights.network.config.inputs.channels == 22
+        assert weights.network.config.inputs.channels == 25  # all, and the noise
         assert weights.card["steps"] == 2
         assert weights.card["learning_rates"] == "0.002"  # the last step is at full rate
         assert method.identity().endswith(weights.sha256)
