@@ -66,6 +66,11 @@ def test_rows_hold_what_the_files_hold(numbers):
     assert [cell.beneath for cell in splat[:4]] == ["", "worse", "", "worse"]
 
 
+def test_the_best_classical_costs_as_the_method_that_it_is_by_lpips():
+    costs = {row["name"]: row["cells"][7].text for row in board()["rows"]}
+    assert costs["best-classical"] == costs["alpha-wrap"] == "110"
+
+
 def test_the_front_page_alone_has_it_at_its_mark():
     section = "\n## Tutorial\n\n* [Tutorial](quickstart.md)\n"
     source = [f"# Title\n\nWords.\n<!-- leaderboard -->\n{section}"]
