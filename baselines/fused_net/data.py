@@ -26,7 +26,7 @@ from data_prep.scene import IMAGE_SIZE, PointCloud, View
 from learning.clouds import degrade
 from learning.weights import FILES, read_safetensors, write_atomically
 
-FORMAT = "fused-net-maps-1"
+FORMAT = "fused-net-maps-2"
 FOLDER = "maps"
 TOGETHER = 50  # objects of a file: so many are computed again after an interruption
 # A byte is value * scale + zero: quarters of coverage are exact, and so is nothing.

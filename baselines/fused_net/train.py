@@ -22,9 +22,6 @@ from baselines.splat_net.train import (
     SplatNetTrainer,
 )
 from data_prep.datasets.training_set import SurfaceSet
-from data_prep.rendering.raycast import MAPS
-
-ALONE = 0.5  # share of whole clouds without noise of which only the first mesh is seen
 
 
 class FusedNetTrainer(SplatNetTrainer):
@@ -36,8 +33,6 @@ class FusedNetTrainer(SplatNetTrainer):
         super().__init__(learned, config, *place, **more)
         data = learned
         self.maps = data.maps
-        # channels of the meshes after the first
-        self.further = len(MAPS) * (len(config.network.inputs.meshes) - 1)
         self.counts = torch.from_numpy(data.counts)
         self.noise = torch.from_numpy(data.noise)
         most = (self.counts == self.counts.max()).nonzero()[:, 0]
@@ -59,12 +54,8 @@ class FusedNetTrainer(SplatNetTrainer):
         order = torch.rand(clouds, views, generator=self.random).argsort(dim=1)
         mirrored = torch.rand(clouds, generator=self.random) < 0.5
         taken = self.clouds[objects, : int(points)]
-        seen, truth = self._scene(taken, objects, order[:, :VIEWS_TOGETHER], mirrored)
-        if self.further:  # the renderer has no other for such a cloud
-            alone = torch.rand(clouds, generator=self.random) < ALONE
-            alone &= (self.noise[objects] == 0) & (points == self.counts.max())
-            seen[0][alone.repeat_interleave(VIEWS_TOGETHER), -self.further :] = 0.0
-        return seen, truth, self.noise[objects].repeat_interleave(VIEWS_TOGETHER)
+        scene = self._scene(taken, objects, order[:, :VIEWS_TOGETHER], mirrored)
+        return *scene, self.noise[objects].repeat_interleave(VIEWS_TOGETHER)
 
     def _maps(
         self, objects: NDArray[np.int64], views: NDArray[np.int64], mirrored: Tensor

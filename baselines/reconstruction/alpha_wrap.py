@@ -75,7 +75,7 @@ class DenoisedWrap(DrawsReconstruction):
         del rng
         clean = cleaned(cloud, self.strength)
         result = wrapped(clean.points, self.ball * clean.spacing, OFFSET * clean.spacing)
-        return Reconstruction(result.mesh, (*clean.notes, *result.notes), clean.noise)
+        return Reconstruction(result.mesh, (*clean.notes, *result.notes))
 
 
 def wrapped(points: Points | Floats, radius: float, offset: float) -> Reconstruction:

@@ -22,14 +22,10 @@ _SPACING_NEIGHBOURS = 16
 
 @dataclass(frozen=True)
 class Reconstruction:
-    """A reconstructed mesh with finite vertices, and notes of what was repaired.
-
-    `noise` is that of the points, 0 where they were left as they are; None where nothing asks.
-    """
+    """A reconstructed mesh with finite vertices, and notes of what was repaired."""
 
     mesh: Mesh
     notes: tuple[str, ...]
-    noise: float | None = None
 
 
 class DrawsReconstruction:

@@ -56,17 +56,19 @@ def test_a_mesh_that_fails_is_noted(cloud):
 
 
 @pytest.mark.parametrize(
-    ("points", "noise", "meshes"), [(2048, 0.0, 1), (2047, 0.0, 2), (2048, 0.1, 2)]
+    ("points", "last", "seen"),
+    [
+        (1024, Truth, ["occupancy-net"]),
+        (1023, Truth, ["denoised-wrap", "occupancy-net"]),
+        (1024, Failing, ["denoised-wrap"]),
+    ],
 )
-def test_one_mesh_is_enough_for_a_whole_cloud_without_noise(points, noise, meshes):
-    methods = dict(zip(MESHES, (Truth(noise), Truth()), strict=True))
-    renderer = fused(network(MESHES), methods)
+def test_the_last_mesh_is_enough_for_many_points(points, last, seen):
+    renderer = fused(network(MESHES), dict(zip(MESHES, (Truth(), last()), strict=True)))
     sampled = ProceduralObject("chair", "validation", 0).cloud(np.random.default_rng(0), points)
     state = renderer.prepare(PointCloud(np.concatenate([sampled.points, sampled.points[:9]])))
-    assert [method.calls for method in methods.values()] == [1, meshes - 1]
-    assert [len(mesh.faces) > 0 for mesh in state.meshes] == [True, meshes == 2]
-    spared = "occupancy-net: not needed, the points are many and without noise"
-    assert state.notes[1] == ("occupancy-net: known" if meshes == 2 else spared)
+    assert [n for n, mesh in zip(MESHES, state.meshes, strict=True) if len(mesh.faces)] == seen
+    assert [note.partition(":")[0] for note in state.notes if note.endswith("known")] == seen
 
 
 def test_the_real_methods_fail_on_a_point_and_it_is_drawn():

@@ -68,25 +68,6 @@ def test_a_scene_has_the_maps_of_its_views_mirrored_as_the_image():
     assert torch.equal(channels[2:, :-5], expected)
 
 
-def test_half_of_the_whole_clean_clouds_are_seen_with_the_first_mesh_alone():
-    data = make_fused(objects=4)  # the first of 512 points, the last two with noise
-    data.counts[1], data.noise[1] = 2048, 0.0
-    data = replace(data, maps=np.concatenate([data.maps, data.maps], axis=2))
-    inputs = replace(SMALL_FUSED.inputs, meshes=("denoised-wrap", "occupancy-net"))
-    trainer = build(data, network=replace(SMALL_FUSED, inputs=inputs), batch=2)
-    alone = {512: [], 0.0: [], "noise": []}
-    for _ in range(40):
-        (channels, points), _, noise = trainer._draw_batch()
-        first, second = (
-            channels[:, -10 + 5 * i :][:, :5].abs().amax(dim=(1, 2, 3)) for i in (0, 1)
-        )
-        assert (first > 0).all()
-        kind = 512 if points.shape[2] == 512 else 0.0 if noise[0] == 0 else "noise"
-        alone[kind].append(bool((second == 0).all()))
-    assert not any(alone[512] + alone["noise"])
-    assert 0 < sum(alone[0.0]) < len(alone[0.0])
-
-
 def test_it_starts_as_splat_net_draws_and_learns_from_the_meshes():
     widths, heads = (16, 32, 64, 128, 160), ("grey", "albedo")
     config = replace(SMALL_FUSED, widths=widths, heads=heads)
