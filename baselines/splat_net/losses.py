@@ -16,6 +16,7 @@ from learning.image_losses import FOREGROUND_WEIGHT, weighted_error
 STRUCTURE_WEIGHT = 0.5
 COVERAGE_WEIGHT = 0.1
 GREY_WEIGHT = 0.5
+TILT_WEIGHT = 0.3
 WHOLE = 254.5 / 255  # coverage of a pixel whose samples are all of the object
 # The true grey has 8 bits: at a tilt of 0 the next grey level is a tilt of some 10 degrees.
 _FLAT = 0.01
@@ -35,8 +36,7 @@ class _SplatNetObjective:
     colours       the judge sees the colours beside the grey image. The cloud has none: a judge of
                   colours rewards guesses, in blotches; without, colours that the shape does not
                   decide become the median of those that are possible
-    tilts         weight of the error of tilts (`tilt_error`)
-    rim           weight of the error along the outline (`rim_error`)
+    tilts         the error of tilts counts, too (`tilt_error`)
     features      weight of the distance of deep features (`feature_error`)
     """
 
@@ -44,8 +44,7 @@ class _SplatNetObjective:
     source: str
     plain: bool = False
     colours: bool = False
-    tilts: float = 0.0
-    rim: float = 0.0
+    tilts: bool = False
     features: float = 0.0
 
     def image_error(self, drawn: Tensor, real: Tensor, coverage: Tensor) -> Tensor:
@@ -79,20 +78,12 @@ OBJECTIVES = {
     "relief": _SplatNetObjective(
         (0.1, 0.2),
         "l1-patch, with more weight of patches on clean clouds, and the error of tilts",
-        tilts=0.3,
+        tilts=True,
     ),
     "perceptual": _SplatNetObjective(
         (0.1, 0.2),
         "relief, and the distance of features of EfficientNet-Lite0 (after Johnson et al. 2016)",
-        tilts=0.3,
-        features=2.0,
-    ),
-    "sharp": _SplatNetObjective(
-        (0.2, 0.2),
-        "perceptual, with more weight of patches on clean clouds and of tilts, and the error of "
-        "the outline",
-        tilts=0.6,
-        rim=0.5,
+        tilts=True,
         features=2.0,
     ),
     "pix2pix": _SplatNetObjective(
@@ -145,21 +136,6 @@ def tilt_error(cover: Tensor, grey: Tensor, coverage: Tensor) -> Tensor:
         differences = (error[at[1]] - error[at[0]]).abs()
         total = total + (both * differences).sum() / both.sum().clamp(min=1)
     return total
-
-
-def rim_error(alpha: Tensor, drawn: Tensor, grey: Tensor, coverage: Tensor) -> Tensor:
-    """Return the mean error of alpha and of the grey image along the true outline; a scalar.
-
-    An outline is a few pixels in a hundred, and weighs as much in the mean over an image. Along it
-    are pixels within one pixel of where the coverage is neither whole nor nothing.
-
-    alpha, drawn, grey, coverage  [B, 1, S, S] in 0..1
-    """
-    highest = functional.max_pool2d(coverage, 3, 1, 1)
-    lowest = -functional.max_pool2d(-coverage, 3, 1, 1)
-    rim = ((highest > 1 - WHOLE) & (lowest < WHOLE)).float()
-    error = (alpha - coverage).abs() + (drawn - grey).abs()
-    return (rim * error).sum() / rim.sum().clamp(min=1)
 
 
 def feature_error(drawn: Tensor, real: Tensor, maps: FeatureMaps) -> Tensor:

@@ -22,13 +22,13 @@ from baselines.splat_net.losses import (
     COVERAGE_WEIGHT,
     GREY_WEIGHT,
     OBJECTIVES,
+    TILT_WEIGHT,
     FeatureMaps,
     PatchJudge,
     Truth,
     coverage_error,
     feature_error,
     judge_error,
-    rim_error,
     tilt_error,
 )
 from baselines.splat_net.network import COLOUR_HEADS, composite
@@ -123,11 +123,7 @@ class SplatNetTrainer(CooledTrainer):
             place = 1 if self.one_colour else -1
             cover = output[:, place, None].float().sigmoid()
             terms["tilt"] = tilt_error(cover, truth.grey, truth.coverage)
-            total = total + self.objective.tilts * terms["tilt"]
-        if self.objective.rim:
-            alpha = output[:, :1].float().sigmoid()
-            terms["rim"] = rim_error(alpha, grey, truth.grey, truth.coverage)
-            total = total + self.objective.rim * terms["rim"]
+            total = total + TILT_WEIGHT * terms["tilt"]
         if self.objective.features:
             assert self.features is not None, "the objective compares features"
             # One view of each cloud: features of all would take longer than the network itself.

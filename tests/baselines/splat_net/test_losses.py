@@ -12,7 +12,6 @@ from baselines.splat_net.losses import (
     coverage_error,
     feature_error,
     judge_error,
-    rim_error,
     tilt_error,
 )
 from baselines.splat_net.network import NEUTRAL
@@ -128,22 +127,6 @@ def test_tilts_are_compared_in_pixels_that_are_covered_whole():
     true, drawn = coverage * shaded(10), coverage * shaded(10)
     drawn[..., 2:] = 0.1
     assert tilt_error(drawn, true, coverage) == 0
-
-
-def test_the_error_of_the_outline_is_that_of_its_two_pixels_and_their_neighbours():
-    """Coverage is whole on the left, half in a column, and nothing on the right."""
-    coverage = torch.zeros(1, 1, 6, 10, dtype=torch.float64)
-    coverage[..., :4], coverage[..., 4] = 1.0, 0.5
-    alpha, grey = coverage.clone(), 1 - 0.3 * coverage
-    assert rim_error(alpha, grey, grey, coverage) == 0
-    for column, counts in ((2, 0), (3, 1), (4, 1), (5, 1), (6, 0)):
-        wrong, drawn = alpha.clone(), grey.clone()
-        wrong[..., column] -= 0.2
-        drawn[..., column] += 0.1
-        error = rim_error(wrong, drawn, grey, coverage).item()
-        assert error == pytest.approx(counts * (0.2 + 0.1) / 3)
-    nothing = torch.zeros_like(coverage)
-    assert rim_error(nothing + 0.5, grey, grey, nothing) == 0
 
 
 def test_features_are_compared_by_their_directions():

@@ -62,7 +62,7 @@ def test_only_an_objective_that_compares_features_asks_for_their_weights():
     def absent():
         raise WeightsUnavailable("the package efficientnet is not installed; install it")
 
-    for name in (*OBJECTIVES.keys() - {"perceptual", "sharp"}, "unknown"):
+    for name in (*OBJECTIVES.keys() - {"perceptual"}, "unknown"):
         assert compared_features(name, absent) is None
     with pytest.raises(BadInput, match=r"--objective perceptual: the package .* install it"):
         compared_features("perceptual", absent)
