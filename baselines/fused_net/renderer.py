@@ -124,7 +124,7 @@ def reconstruct(
     meshes = dict.fromkeys(methods, NOTHING)
     notes = {name: list[str]() for name in methods}
     enough = len(np.unique(cloud.points, axis=0)) >= ENOUGH
-    for name in reversed(methods):
+    for name in reversed([*methods]):
         if enough and any(len(mesh.faces) for mesh in meshes.values()):
             break
         try:
