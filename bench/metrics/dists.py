@@ -22,9 +22,8 @@ import numpy as np
 import torch
 from numpy.typing import NDArray
 from torch import Tensor
-from torch.nn import functional
 
-from bench.metrics.lpips_network import TRUNKS, require_images
+from bench.metrics.lpips_network import TRUNKS, halved, require_images
 from bench.metrics.packaged_weights import (
     DISTS,
     find_dists_weights,
@@ -41,7 +40,6 @@ _MOST_KEPT = 40  # images whose activations are kept for the next call, 8 MB eac
 MEAN, DEVIATION = (0.485, 0.456, 0.406), (0.229, 0.224, 0.225)  # of ImageNet, red to blue
 C1 = C2 = 1e-6  # keep the quotients of empty channels finite
 TINY = 1e-12  # under the root of the pooling, as in the original
-_HANNING = (0.25, 0.5, 0.25)
 _TRUNK = TRUNKS["vgg"]
 
 
@@ -132,10 +130,7 @@ class _Dists:
 
 def pooled(x: Tensor) -> Tensor:
     """Return the root of the Hanning-weighted mean square about every second pixel."""
-    window = torch.tensor(_HANNING, dtype=x.dtype, device=x.device)
-    kernel = torch.outer(window, window).expand(x.shape[1], 1, 3, 3)
-    squares = functional.conv2d(x.square(), kernel, stride=2, padding=1, groups=x.shape[1])
-    return squares.add_(TINY).sqrt_()
+    return halved(x.square(), padding=1).add_(TINY).sqrt_()
 
 
 def dists(

@@ -14,7 +14,6 @@ from bench.metrics.peak_signal_to_noise import psnr
 from bench.metrics.silhouette import Pairs, overlap
 from bench.metrics.structural_similarity import ssim_per_image_and_mask
 from bench.metrics.thin_parts import thin_scores
-from bench.metrics.wavelet_similarity import cw_ssim
 
 _Score = Callable[[NDArray[np.uint8], NDArray[np.uint8]], NDArray[np.float64]]
 
@@ -28,19 +27,30 @@ def _dists(
     return dists(truth, images, single=True, device=str(prepare_device(device)))
 
 
+def _st_lpips(
+    truth: NDArray[np.uint8], images: NDArray[np.uint8], device: str = "cpu"
+) -> NDArray[np.float64]:
+    from bench.metrics.lpips_network import lpips
+    from learning.training_loop import prepare_device
+
+    device = str(prepare_device(device))
+    return lpips(truth, images, "shift-tolerant", single=True, device=device)
+
+
 # Metrics that no suite has: `bench run --metrics` and `bench score` take them of kept images.
 FURTHER_SCORES: Mapping[str, _Score] = {
     "ms-ssim": ms_ssim,
-    "cw-ssim": cw_ssim,
     "flip": flip,
     "dists": _dists,
+    "st-lpips": _st_lpips,
 }
 
 
 def further_score(metric: str, device: str) -> _Score:
     """Return one of FURTHER_SCORES, its network on a device: "auto", "cpu" or "cuda"."""
     score = FURTHER_SCORES[metric]
-    return partial(_dists, device=device) if score is _dists else score
+    on_device = (partial(f, device=device) for f in (_dists, _st_lpips) if f is score)
+    return next(on_device, score)
 
 
 def scores(truth: NDArray[np.uint8], images: NDArray[np.uint8]) -> dict[str, NDArray[np.float64]]:

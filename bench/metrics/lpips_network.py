@@ -4,6 +4,10 @@ Both images go through a network trained on photographs (ImageNet). At five laye
 of each pixel are scaled to length 1, their squared differences weighted by a trained head, averaged
 over the pixels, and summed over the layers. Nothing in it was trained on objects of this project.
 
+ST-LPIPS (Ghildyal and Liu 2022, https://arxiv.org/abs/2207.13686) forgives shifts of a pixel: the
+same by an AlexNet whose first convolution has a stride of 1, and in which a binomial blur (Zhang
+2019, https://arxiv.org/abs/1904.11486) takes every step of 2. Its maxima have a stride of 1.
+
 Protocol (richzhang/PerceptualSimilarity, version 0.1): uint8 / 127.5 - 1, then shifted and scaled
 by fixed numbers per channel; no resizing, so that layers see what a 128 x 128 image shows.
 
@@ -47,31 +51,40 @@ class _Conv(NamedTuple):
 
 
 class _Trunk(NamedTuple):
-    """The table of a network; pool: (window, stride) of the maximum; least: side of an image."""
+    """The table of a network; pool: (window, stride) of the maximum; least: side of an image.
+
+    Where it is `blurred` a blur halves what the maxima leave, and the first convolution before its
+    ReLU.
+    """
 
     name: str
     layers: tuple[_Conv, ...]
     pool: tuple[int, int]
     least: int
+    blurred: bool = False
+
+    def pooled(self, x: Tensor) -> Tensor:
+        """Return what the layer after a maximum sees of [N, c, h, w]."""
+        x = functional.max_pool2d(x, *self.pool)
+        return _blurred(x) if self.blurred else x
 
 
 def _vgg(*, pooled: bool = False, seen: bool = False) -> _Conv:
     return _Conv(3, 1, 1, pooled, seen)
 
 
+def _alex(stride: int) -> tuple[_Conv, ...]:
+    return (
+        _Conv(11, stride, 2, pooled=False, seen=True),
+        _Conv(5, 1, 2, pooled=True, seen=True),
+        _Conv(3, 1, 1, pooled=True, seen=True),
+        _Conv(3, 1, 1, pooled=False, seen=True),
+        _Conv(3, 1, 1, pooled=False, seen=True),
+    )
+
+
 TRUNKS: dict[Net, _Trunk] = {
-    "alex": _Trunk(
-        "AlexNet_0",
-        (
-            _Conv(11, 4, 2, pooled=False, seen=True),
-            _Conv(5, 1, 2, pooled=True, seen=True),
-            _Conv(3, 1, 1, pooled=True, seen=True),
-            _Conv(3, 1, 1, pooled=False, seen=True),
-            _Conv(3, 1, 1, pooled=False, seen=True),
-        ),
-        pool=(3, 2),
-        least=31,
-    ),
+    "alex": _Trunk("AlexNet_0", _alex(4), pool=(3, 2), least=31),
     "vgg": _Trunk(
         "VGG16_0",
         (
@@ -84,6 +97,7 @@ TRUNKS: dict[Net, _Trunk] = {
         pool=(2, 2),
         least=16,
     ),
+    "shift-tolerant": _Trunk("AlexNet_0", _alex(1), pool=(3, 1), least=21, blurred=True),
 }
 
 
@@ -130,11 +144,14 @@ class Lpips:
             kernel = read(trunk.name, f"Conv_{i}", "kernel").permute(3, 2, 0, 1)
             bias = read(trunk.name, f"Conv_{i}", "bias")
             if conv.pooled:
-                side = (side - trunk.pool[0]) // trunk.pool[1] + 1
+                side = trunk.pooled(torch.empty(1, 1, side, side, device="meta")).shape[-1]
             like = (BATCH, kernel.shape[1], side, side)
             steps = {"stride": conv.stride, "padding": conv.padding}
-            self._convolutions.append(Convolution(kernel, bias, like, dtype, relu=True, **steps))
+            blurred = trunk.blurred and i == 0
+            convolution = Convolution(kernel, bias, like, dtype, relu=not blurred, **steps)
+            self._convolutions.append(convolution)
             side = (side + 2 * conv.padding - conv.kernel) // conv.stride + 1
+            side = (side + 1) // 2 + 1 if blurred else side
         self._last: list[tuple[NDArray[np.uint8], _Activations]] = []
         heads = range(sum(conv.seen for conv in trunk.layers))
         self._heads = [
@@ -171,7 +188,9 @@ class Lpips:
         x = (x / 127.5 - 1.0 - self._shift) / self._scale
         layers = []
         for conv, convolve in zip(self._trunk.layers, self._convolutions, strict=True):
-            x = convolve(functional.max_pool2d(x, *self._trunk.pool) if conv.pooled else x)
+            x = convolve(self._trunk.pooled(x) if conv.pooled else x)
+            if not convolve.relu:
+                x = _blurred(x).relu_()
             if conv.seen:
                 layers.append(x / (torch.linalg.vector_norm(x, dim=1, keepdim=True) + TINY))
         return [*layers, x.mean(dim=(2, 3))]
@@ -186,19 +205,38 @@ class Lpips:
         return total.cpu().numpy()
 
 
+def _blurred(x: Tensor) -> Tensor:
+    return halved(functional.pad(x, (2, 2, 2, 2), mode="reflect"), padding=0)
+
+
+def halved(x: Tensor, padding: int) -> Tensor:
+    """Return the mean about every second pixel of [N, c, h, w], weighted by 1/4, 1/2, 1/4."""
+    window = torch.tensor((0.25, 0.5, 0.25), dtype=x.dtype, device=x.device)
+    kernel = torch.outer(window, window).expand(x.shape[1], 1, 3, 3)
+    return functional.conv2d(x, kernel, stride=2, padding=padding, groups=x.shape[1])
+
+
 def lpips(
-    a: NDArray[np.uint8], b: NDArray[np.uint8], net: Net = "alex", *, single: bool = False
+    a: NDArray[np.uint8],
+    b: NDArray[np.uint8],
+    net: Net = "alex",
+    *,
+    single: bool = False,
+    device: str = "cpu",
 ) -> NDArray[np.float64]:
-    """Return LPIPS v0.1 of two images, or of pairs; lower is better.
+    """Return LPIPS v0.1, or ST-LPIPS, of two images, or of pairs; lower is better.
 
     Parameters
     ----------
     a, b : uint8 array, [N, H, W, 3] or [H, W, 3]
-        Images and their counterparts, with sides from 31 px ("alex") or 16 px ("vgg").
-    net : {"alex", "vgg"}
-        The trunk.
+        Images and their counterparts, with sides from 31 px ("alex"), 16 px ("vgg") or 21 px
+        ("shift-tolerant").
+    net : {"alex", "vgg", "shift-tolerant"}
+        The trunk; the last one's distance is ST-LPIPS.
     single : bool
         Compute in float32, as runs do: some five times as fast, the same to 1e-5.
+    device : str
+        PyTorch's name of it.
 
     Returns
     -------
@@ -220,14 +258,15 @@ def lpips(
     if a.shape != b.shape:
         raise ValueError(f"stacks of images must have the same shape, got {a.shape} and {b.shape}")
     if np.ndim(a) == 3:
-        return lpips(a[None], b[None], net, single=single)[0]
+        return lpips(a[None], b[None], net, single=single, device=device)[0]
     for images in (a, b):
         require_images(images, TRUNKS[net].least)
     dtype = torch.float32 if single else torch.float64
-    network = load_lpips(find_lpips_weights(net), net, dtype)
+    network = load_lpips(find_lpips_weights(net), net, dtype, device)
+    together = BATCH if net == "vgg" else 4 * BATCH  # so that `encode` knows the true ones again
     parts = [
-        network.distance(network.encode(a[i : i + BATCH]), network.encode(b[i : i + BATCH]))
-        for i in range(0, len(a), BATCH)
+        network.distance(*(network.encode(images[i : i + together]) for images in (a, b)))
+        for i in range(0, len(a), together)
     ]
     return np.concatenate([np.empty(0), *parts])
 

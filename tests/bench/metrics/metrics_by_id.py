@@ -19,7 +19,6 @@ from bench.metrics.peak_signal_to_noise import psnr
 from bench.metrics.silhouette import Pairs, overlap
 from bench.metrics.structural_similarity import ssim_per_image
 from bench.metrics.thin_parts import thin_scores
-from bench.metrics.wavelet_similarity import cw_ssim
 
 SSIM = ("ssim", "luminance", "contrast", "structure")
 OF_FEATURES = ("fd-views", "fd-views-grey", "fd-alexnet")  # Fréchet distances of networks' features
@@ -55,10 +54,10 @@ METRICS = {
     "thin-recall": lambda a, b: thin_scores(Pairs(a, b)).recall,
     "thin-precision": lambda a, b: thin_scores(Pairs(a, b)).precision,
     "ms-ssim": ms_ssim,
-    "cw-ssim": cw_ssim,
     "flip": flip,
     "lpips": functools.partial(lpips, single=True),
     "dists": functools.partial(dists, single=True),
+    "st-lpips": functools.partial(lpips, net="shift-tolerant", single=True),
     "frechet-distance": frechet_distance,
     **{name: functools.partial(distance_of_features, name) for name in OF_FEATURES},
     JUDGE: code_lengths,

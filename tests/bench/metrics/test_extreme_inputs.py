@@ -33,7 +33,6 @@ from .metrics_by_id import METRICS, OF_FEATURES, SSIM, extractor, rounding_of_fr
 C1 = 2.55**2  # by the protocol, not the code's own
 U = 2.0**-53
 SUMS = (576 * 3 + 25) * U
-BANDS = 1e-9  # those of a flat image err by 1e-12 of 255, beside K = 1
 FLIP_IN_FLOAT32 = 1e-6
 FEATURES_IN_FLOAT32 = 1e-4  # sums of up to 864 products a layer, of features up to some 10
 CODE_LENGTH = 18 * 2.0**-24  # half of the 32 roundings of a sum of squares, a root, a quotient
@@ -46,6 +45,7 @@ NETWORKS = {
     "lpips of vgg": functools.partial(lpips, net="vgg"),
     "lpips of squeeze": functools.partial(lpips, net="squeeze"),
     "dists in float64": dists,
+    "st-lpips in float64": functools.partial(lpips, net="shift-tolerant"),
 }
 # Of one array: silhouettes and thin parts.
 OF_ONE = (foreground, contrast, object_boxes, evaluated)
@@ -134,7 +134,7 @@ WHITE, BLACK, LEG = flat(255), flat(0), leg()
 MOVED, HALF = leg(columns=slice(61, 64)), leg(rows=slice(40, 60))
 TWO_LEGS, LEG_AND_WHITE = np.concatenate([LEG, LEG]), np.concatenate([LEG, WHITE])
 BLACK_AND_LEG, WHITE_AND_LEG = np.concatenate([BLACK, LEG]), np.concatenate([WHITE, LEG])
-DISTANCES = ("lpips", "lpips in float64", "lpips of vgg", "dists", "dists in float64")
+DISTANCES = ("lpips", "lpips in float64", "lpips of vgg", "dists", "dists in float64", "st-lpips")
 VALUES = [  # metrics, images, value, tolerance
     *((m, (x, x), 1.0, 0.0) for m in SSIM for x in (noise(1), LEG, WHITE, BLACK)),
     *(("ssim-object", (x, x), 1.0, 0.0) for x in (noise(1), LEG, BLACK)),
@@ -173,15 +173,10 @@ VALUES = [  # metrics, images, value, tolerance
     ("silhouette-iou", (leg(235), np.minimum(leg(235), flat(245))), 120 / 128**2, U),
     ("silhouette-iou", (TWO_LEGS, LEG_AND_WHITE), [1.0, 0.0], 0.0),
     *(("ms-ssim", (x, x), 1.0, 0.0) for x in (noise(1), LEG, WHITE, BLACK)),
-    *(("cw-ssim", (x, x), 1.0, BANDS) for x in (noise(1), LEG, WHITE, BLACK)),
     *(("flip", (x, x), 0.0, 0.0) for x in (noise(1), LEG, WHITE, BLACK)),
     ("ms-ssim", (WHITE, BLACK), luminance(0, 255) ** COARSEST, SUMS),
-    ("cw-ssim", (WHITE, BLACK), 1.0, BANDS),  # no structure in either
     ("flip", (WHITE, BLACK), FLIP_WHITE_BLACK, FLIP_IN_FLOAT32),
     ("flip", (BLACK, WHITE), FLIP_WHITE_BLACK, FLIP_IN_FLOAT32),
-    # A coefficient of a stripe turns by 360 degrees / 32 and pixel, all of them alike.
-    ("cw-ssim", (stripes(0), stripes(1)), 1.0, 1e-3),
-    ("cw-ssim", (stripes(0), stripes(16)), 1.0, 1e-3),
     ("ms-ssim", (stripes(0), stripes(16)), 0.0, 0.0),  # structure is negative
     ("ms-ssim", (noise(2, 11), 255 - noise(2, 11)), 0.0, 0.0),  # in the one scale of small images
     *((m, (flat(0, 0), flat(0, 0)), 1.0, 0.0) for m in (*THIN, "silhouette-iou", JUDGE)),  # none
@@ -198,10 +193,10 @@ def test_values_of_images(metric, images, expected, within):
 
 NOT_UINT8 = [(WHITE / 255, np.full(WHITE.shape, np.nan)), (WHITE.astype("i8"), LEG.astype("i8"))]
 NOT_UINT8 += [(WHITE.astype("f4") / 255, LEG.astype("f4") / 255), (WHITE, LEG / 255)]
-OF_PIXELS = ("ms-ssim", "cw-ssim", "flip")
+OF_PIXELS = ("ms-ssim", "flip")
 OF_OBJECTS = ("ssim-object", *THIN, "silhouette-iou")
 BY_NETWORKS = ("fd-views", "fd-views-grey", JUDGE)
-OF_DISTANCES = ("lpips", "lpips of vgg", "dists")
+OF_DISTANCES = ("lpips", "lpips of vgg", "dists", "st-lpips")
 EVERY = (*SSIM, "psnr", *OF_PIXELS, *OF_OBJECTS, *BY_NETWORKS, "fd-alexnet", *OF_DISTANCES)
 CHANNELS_4 = np.zeros((2, 128, 128, 4), np.uint8)
 SIZES = (BLACK[:, :64], BLACK[:, :, :64], BLACK[..., :1], BLACK[0])  # that the judges do not take
@@ -234,10 +229,10 @@ REFUSED = [  # metrics, images, part of the message
     (OF_OBJECTS, (BLACK, flat(0, 2)), "of truths [1, 128, 128, 3]"),
     ((*SSIMS, "psnr", *OF_PIXELS), (flat(0, 0), flat(0, 0)), "nothing to compare"),
     ((*SSIMS, "psnr", *THIN), (BLACK[..., :0], BLACK[..., :0]), "nothing to compare"),
-    (("cw-ssim",), (noise(7, 7), noise(8, 7)), "sides must be multiples of 8, at least 64"),
+    (("st-lpips",), (BLACK[:, :20],) * 2, "of 21 x 21 pixels or more"),
     (("lpips",), (BLACK[:, :30],) * 2, "of 31 x 31 pixels or more"),
     (("lpips of vgg", "dists"), (BLACK[:, :, :15],) * 2, "of 16 x 16 pixels or more"),
-    (("lpips of squeeze",), (BLACK, BLACK), "alex or vgg, got 'squeeze'"),
+    (("lpips of squeeze",), (BLACK, BLACK), "alex or vgg or shift-tolerant, got 'squeeze'"),
     (OF_SETS, (X[:0], X), "at least 2 samples, got float64 [0, 4]"),
     (OF_SETS, (X, X[:1]), "at least 2 samples, got float64 [1, 4]"),
     (OF_SETS, (X * 1e200, X * 1e200), "no finite covariance; scale them down"),
@@ -263,7 +258,7 @@ def test_refused_images(metrics, images, says):
 
 # Sums of up to 4,608 products of float64 in another order; of float32 for FLIP.
 COMPANY = {"lpips in float64": 1e-12, "lpips of vgg": 1e-12, "dists in float64": 1e-12}
-COMPANY |= {"flip": FLIP_IN_FLOAT32, "cw-ssim": 1e-15}
+COMPANY |= {"flip": FLIP_IN_FLOAT32, "st-lpips in float64": 1e-12}
 DIRECTED = ("ssim-object", "silhouette-iou", *THIN)
 
 

