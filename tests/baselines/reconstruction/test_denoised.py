@@ -7,7 +7,7 @@ import pytest
 from scipy.stats import norm
 
 from baselines.reconstruction.denoised import cleaned, moments, noise_scale, searched, smoothed
-from baselines.reconstruction.stages import Nearest
+from baselines.reconstruction.stages import Nearest, spacing
 from data_prep.failures import StageFailure
 from data_prep.scene import PointCloud
 from tests.baselines.clouds import RADIUS, chair_cloud, lattice_sphere
@@ -86,6 +86,16 @@ def test_the_estimate_scales_and_what_says_nothing_has_no_noise() -> None:
     line = np.linspace(-1, 1, 500)[:, None] * [1, 0, 0]
     for cloud in (np.ones((2000, 3)), few, line):
         assert noise_of(cloud) == 0
+
+
+def test_the_spacing_is_half_the_distance_to_the_sixteenth() -> None:
+    """Of points a unit apart on a line, itself, seven on each side and the eighth."""
+    line = np.arange(100.0)[:, None] * [1.0, 0, 0]
+    assert spacing(Nearest(line)) == 4
+    assert spacing(Nearest(line[:3])) == 1  # of three the farthest: 2, 1 and 2 away
+    near = Nearest(line)
+    for count in (2, 5, 3):
+        assert near.within(count)[0].shape == (100, count)
 
 
 def saddle(points: np.ndarray) -> np.ndarray:
