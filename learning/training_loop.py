@@ -342,7 +342,7 @@ def prepare_device(
 
 
 class _Ending:
-    """When a training has to end, so that a time limit is kept: by what was slow so far."""
+    """The end of a training that keeps a time limit, foreseen by what was slow so far."""
 
     def __init__(self, limit: TimeLimit | None, processes: Processes) -> None:
         self.limit, self.processes = limit, processes

@@ -70,7 +70,7 @@ def test_a_place_sees_the_cells_that_its_points_are_in(axis):
 
 @pytest.mark.parametrize("cells", [32, 64, 128])
 def test_on_the_nodes_of_a_grid_it_is_what_it_is_at_their_places(cells):
-    """In double precision, where sums in another order hardly differ."""
+    """Both are computed in double precision, where sums in another order hardly differ."""
     net = network().double()
     planes = net.encode(random(1, 300, 3).double())
     nodes = torch.randint(cells + 1, (3, 5000), generator=torch.Generator().manual_seed(1))

@@ -89,7 +89,7 @@ def test_the_estimate_scales_and_what_says_nothing_has_no_noise() -> None:
 
 
 def test_the_spacing_is_half_the_distance_to_the_sixteenth() -> None:
-    """Of points a unit apart on a line, itself, seven on each side and the eighth."""
+    """Points lie a unit apart on a line: nearest are itself, seven on each side and the eighth."""
     line = np.arange(100.0)[:, None] * [1.0, 0, 0]
     assert spacing(Nearest(line)) == 4
     assert spacing(Nearest(line[:3])) == 1  # of three the farthest: 2, 1 and 2 away

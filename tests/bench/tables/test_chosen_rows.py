@@ -65,7 +65,7 @@ def test_one_network_that_learned_in_3d_is_enough():
 
 
 def test_the_strongest_differ_by_metric():
-    """Of two meshes and discs that fill the image, by what was measured."""
+    """Two meshes and discs that fill the image are held to what was measured."""
     cells = [(m, c) for m in ("ssim", "ssim-object", "lpips") for c in ("2048", "noise-0.10")]
     best = CHOSEN[BEST_CLASSICAL].best(cells, ["alpha-wrap", "denoised-wrap", "splat-fill"])
     assert list(best.values()) == [*("alpha-wrap", "splat-fill") * 2, "alpha-wrap", "denoised-wrap"]
