@@ -6,8 +6,9 @@
 Carries out the run, or goes on with the one in DIR, and writes `results/docs/NAME.csv`, its tables
 of quality, and `NAME-differences.csv`: networks against the best classical method, object by
 object, as `bench compare` does, and further tables of the run that pages quote. `costs` writes the
-table of costs, `results/costs.csv`. PATH is the folder of real meshes that `bench data verify`
-knows.
+table of costs, `results/costs.csv`; `claims` has no run, but reads those of the suites that claims
+are about, in `results/runs`, and writes `results/claims.md`. `results/docs/measured.csv` has date,
+commit and processor of each. PATH is the folder of real meshes that `bench data verify` knows.
 """
 
 from __future__ import annotations
@@ -17,9 +18,9 @@ import csv
 import io
 import subprocess
 import sys
-from collections.abc import Iterable, Mapping
+from collections.abc import Iterable, Mapping, Sequence
 from pathlib import Path
-from typing import NamedTuple
+from typing import Any, NamedTuple
 
 import pandas as pd
 
@@ -28,7 +29,8 @@ from bench.analysis.run_pairs import methods_of_run
 from bench.analysis.scored_run import Run, read_run
 from bench.catalogue.chosen import BEST_CLASSICAL, COSTS
 from bench.catalogue.methods import find_method, role
-from bench.catalogue.suites import ROBUSTNESS
+from bench.catalogue.suites import SUITES
+from bench.records.run_folder import read_manifest
 from bench.tables.build import tables
 from bench.tables.differences import differences_table
 from bench.tables.table import TABLES, csv_text
@@ -36,16 +38,24 @@ from data_prep.files.atomic_write import write_whole
 from studies.documents import NUMBERS
 
 FIRST = ("ssim", "ssim-object", "lpips")
+JUDGES = ("ssim", "lpips", "st-lpips", "dists", "flip")
 _RUN_COLUMNS = ("run_a", "run_b")  # where the run lay
 FULL = "2048"
 # Of `speed`; the processor's time, which other programs disturb less than the clock's.
 ONE_VIEW, FURTHER_VIEW = "picture-of-1-core-ms", "further-view-core-ms"
-CLASSES = "--suite thirteen-classes"
-_ON_MESHES = (
-    f"{CLASSES} --dataset folder:PATH --conditions 2048,512,noise-0.05,noise-0.10 --views 4"
-)
-_OPPONENTS = "surface-apss,alpha-wrap,denoised-wrap,splat-fill,occupancy-net"
+RUNS = Path("results/runs")
+MEASURED = NUMBERS / "measured.csv"
+COSTS_RUN, CLAIMS = "costs", "claims"
+CLAIMED = ("known-chairs", "thirteen-classes", COSTS_RUN, "latent")
+CLAIMS_FILE = "claims.md"
+_CLASSES = "--suite thirteen-classes"
+_REAL = f"{_CLASSES} --dataset folder:PATH"
+_ON_MESHES = f"{_REAL} --conditions 2048,512,noise-0.05,noise-0.10 --views 4"
+_CLASSICAL = "surface-apss,alpha-wrap,denoised-wrap,splat-fill"
+_ON_CHAIRS = f"{_CLASSICAL},pc2pix,splat-net@chair,fused-net,blank"
 GREY = "splat-net@grey,fused-net@grey"
+_COMPARED_IN_GREY = ("splat-net@grey", "fused-net@grey", "occupancy-net")
+_COMPARED_ON_CHAIRS = ("splat-net@chair", "fused-net", "pc2pix")
 
 
 class QuotedRun(NamedTuple):
@@ -58,33 +68,54 @@ class QuotedRun(NamedTuple):
 
 
 MEASUREMENTS: Mapping[str, QuotedRun] = {
-    "sealed": QuotedRun(
-        "--suite chair-robustness --dataset procedural:sealed --limit 76 "
-        f"--methods {','.join((*ROBUSTNESS.methods, 'splat-fill'))}",
-        ("splat-net@chair", "splat-net", "fused-net", "pc2pix"),
-    ),
+    "known-chairs": QuotedRun("--suite chair-robustness", _COMPARED_ON_CHAIRS),
     "known-chairs-grey": QuotedRun(
-        "--suite chair-robustness --truth grey --conditions 2048,noise-0.10 "
-        f"--methods {_OPPONENTS},pc2pix,pc2pix@all,{GREY},blank",
-        ("splat-net@grey", "fused-net@grey", "occupancy-net"),
+        f"--suite chair-robustness --truth grey --methods {_CLASSICAL},occupancy-net,pc2pix,"
+        f"pc2pix@all,{GREY},true-mesh,constant,blank",
+        _COMPARED_IN_GREY,
+    ),
+    "sealed": QuotedRun(
+        "--suite chair-robustness --dataset procedural:sealed --limit 100 --views 10 --methods "
+        f"{_CLASSICAL},pc2pix,pc2pix@acgan,splat-net@chair,fused-net,true-mesh,blank",
+        _COMPARED_ON_CHAIRS,
+    ),
+    "novel-families": QuotedRun(
+        "--suite chair-robustness --dataset procedural:novel-families --limit 50 --views 10 "
+        f"--methods {_ON_CHAIRS}",
+        _COMPARED_ON_CHAIRS,
+    ),
+    "beyond-training": QuotedRun(
+        "--suite beyond-training",
+        _COMPARED_ON_CHAIRS,
+        copied=(("crossings", "beyond-training-crossings"),),
     ),
     "thirteen-classes": QuotedRun(
-        CLASSES,
-        ("splat-net@grey", "fused-net@grey", "occupancy-net"),
+        _CLASSES,
+        _COMPARED_IN_GREY,
         copied=(("table5_orderings", "thirteen-classes-orderings"),),
     ),
     "real-meshes-grey": QuotedRun(
-        f"{_ON_MESHES} --truth grey --methods {_OPPONENTS},splat,pc2pix,pc2pix@all,{GREY},blank",
-        ("splat-net@grey", "fused-net@grey", "occupancy-net", "pc2pix@all"),
+        f"{_ON_MESHES} --truth grey --methods {_CLASSICAL},occupancy-net,splat,pc2pix,pc2pix@all,"
+        f"{GREY},blank",
+        (*_COMPARED_IN_GREY, "pc2pix@all"),
         FIRST,
     ),
     "real-meshes-coloured": QuotedRun(
-        f"{_ON_MESHES} --methods alpha-wrap,denoised-wrap,occupancy-net,pc2pix@all,splat-net,"
-        "splat-net@grey,fused-net,blank",
+        f"{_ON_MESHES} --methods alpha-wrap,denoised-wrap,splat-fill,occupancy-net,pc2pix@all,"
+        "splat-net,splat-net@grey,fused-net,blank",
         ("splat-net", "splat-net@grey", "fused-net", "occupancy-net"),
         FIRST,
     ),
-    "costs": QuotedRun(
+    "headline": QuotedRun(
+        f"{_REAL} --truth grey --conditions 2048,noise-0.10 --views 2 "
+        "--metrics st-lpips,dists,flip "
+        f"--methods alpha-wrap,denoised-wrap,splat-fill,occupancy-net,{GREY},blank",
+        _COMPARED_IN_GREY,
+        JUDGES,
+    ),
+    "latent": QuotedRun("--suite latent"),
+    "stability": QuotedRun("--suite stability"),
+    COSTS_RUN: QuotedRun(
         "--suite speed --device cpu --limit 4 --methods surface-apss,surface-fit,surface-bpa,"
         "poisson,alpha-wrap,denoised-wrap,pc2pix,pc2pix@paper,splat-net,splat-net@grey,"
         "splat-net@chair,points2pix,occupancy-net,fused-net,fused-net@grey,splat,"
@@ -105,11 +136,11 @@ def values(run: Run, metrics: Iterable[str]) -> str:
     return _written([row for row in rows if not wanted or row["metric"] in wanted])
 
 
-def differences(directory: Path, methods: Iterable[str]) -> str:
+def differences(directory: Path, methods: Iterable[str], metrics: Sequence[str] = FIRST) -> str:
     """Return the comparisons of methods with the best classical method as one CSV file."""
     rows: list[dict[str, str]] = []
     for method in methods:
-        pair = methods_of_run(directory, (BEST_CLASSICAL, method), FIRST)
+        pair = methods_of_run(directory, (BEST_CLASSICAL, method), metrics)
         rows += _rows(differences_table(pair).to_csv())
     return _written([{k: v for k, v in row.items() if k not in _RUN_COLUMNS} for row in rows])
 
@@ -146,41 +177,75 @@ def command(name: str, meshes: Path | None = None) -> list[str]:
 
 
 def measure(name: str, out: Path, meshes: Path | None, more: Iterable[str] = ()) -> None:
-    """Carry out a run and write its files.
+    """Carry out a run and write its files, and its line of `measured.csv`.
 
     Raises subprocess.CalledProcessError where the run fails; it has said why.
     """
     measurement = MEASUREMENTS[name]
-    arguments = [*command(name, meshes), "--out", str(out), *more]
-    subprocess.run([Path(sys.executable).with_name("bench"), *arguments], check=True)
-    if name == "costs":
+    arguments = command(name, meshes)
+    _bench(*arguments, "--out", str(out), *more)
+    texts = {f"{name}.csv": values(read_run(out), measurement.metrics)} if of_scores(name) else {}
+    if name == COSTS_RUN:
         write_whole(COSTS, costs(out).encode())
-        return
-    texts = {f"{name}.csv": values(read_run(out), measurement.metrics)}
     if measurement.compared:
-        texts[differences_of(name)] = differences(out, measurement.compared)
+        metrics = measurement.metrics or FIRST
+        texts[differences_of(name)] = differences(out, measurement.compared, metrics)
     for table, file in measurement.copied:
         texts[f"{file}.csv"] = (out / TABLES / f"{table}.csv").read_text(encoding="utf-8")
     for file, text in texts.items():
         write_whole(NUMBERS / file, text.encode())
+    write_whole(MEASURED, measured(name, read_manifest(out), ["bench", *command(name)]).encode())
+
+
+def measured(name: str, manifest: Mapping[str, Any], arguments: list[str]) -> str:
+    """Return `measured.csv` with the line of a measurement: when, with which code, and where."""
+    rows = {row["name"]: row for row in _rows(MEASURED.read_text()) if row["name"] in MEASUREMENTS}
+    rows[name] = {
+        "name": name,
+        "date": manifest["finished"][:10],
+        "commit": manifest["git"]["commit"][:8],
+        "processor": f"{manifest['machine']['cpu']}, {manifest['machine']['instructions']}",
+        "command": " ".join(arguments),
+    }
+    return _written([rows[name] for name in MEASUREMENTS if name in rows])
+
+
+def check_claims(runs: Path = RUNS) -> None:
+    """Write `results/claims.md` from the runs of the suites that claims are about."""
+    _bench("check", *(str(runs / name) for name in CLAIMED), "--claims")
+    text = (runs / CLAIMED[0] / CLAIMS_FILE).read_bytes()
+    write_whole(COSTS.with_name(CLAIMS_FILE), text)
+
+
+def _bench(*arguments: str) -> None:
+    subprocess.run([Path(sys.executable).with_name("bench"), *arguments], check=True)
+
+
+def of_scores(name: str) -> bool:
+    """Return whether the suite of a measurement has tables of quality."""
+    options = MEASUREMENTS[name].options.split()
+    return options[options.index("--suite") + 1] in {suite.id for suite in SUITES}
 
 
 def main() -> None:
     """Carry out a run, or print the commands of all."""
     parser = argparse.ArgumentParser(description="Runs that the documentation quotes.")
-    parser.add_argument("name", nargs="?", choices=list(MEASUREMENTS))
+    parser.add_argument("name", nargs="?", choices=[*MEASUREMENTS, CLAIMS])
     parser.add_argument("--meshes", type=Path, help="the folder of real meshes")
     parser.add_argument("--out", type=Path, help="default: results/runs/NAME")
     options, more = parser.parse_known_args()
     if options.name is None:
         for name in MEASUREMENTS:
             print(f"{name}: bench {' '.join(command(name))}")
+        print(f"{CLAIMS}: bench check {' '.join(str(RUNS / name) for name in CLAIMED)} --claims")
         return
-    if "PATH" in MEASUREMENTS[options.name].options and options.meshes is None:
-        parser.error(f"{options.name}: give --meshes, the folder of real meshes")
-    out = options.out or Path("results/runs") / options.name
     try:
-        measure(options.name, out, options.meshes, more)
+        if options.name == CLAIMS:
+            check_claims(options.out or RUNS)
+            return
+        if "PATH" in MEASUREMENTS[options.name].options and options.meshes is None:
+            parser.error(f"{options.name}: give --meshes, the folder of real meshes")
+        measure(options.name, options.out or RUNS / options.name, options.meshes, more)
     except subprocess.CalledProcessError as failed:  # the run has said why
         sys.exit(failed.returncode)
 

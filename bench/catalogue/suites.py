@@ -162,8 +162,8 @@ ROBUSTNESS = Suite(
     id="chair-robustness",
     about="the paper's Tables 3 and 4: fewer points and noise, on chairs",
     methods=_ids(
-        "surface-apss alpha-wrap denoised-wrap pc2pix pc2pix@acgan splat-net splat-net@chair "
-        "fused-net true-mesh true-mesh@grey constant blank"
+        "surface-apss alpha-wrap denoised-wrap splat-fill pc2pix pc2pix@acgan splat-net "
+        "splat-net@chair fused-net true-mesh true-mesh@grey constant blank"
     ),
     conditions=_ids("2048 1024 512 noise-0.05 noise-0.10"),
     detail_metrics=_ids("psnr ssim-object lpips silhouette-iou thin-recall thin-precision"),
@@ -244,7 +244,8 @@ SUITES = (
         id="beyond-training",
         about="beyond what networks were trained on: where they fall behind, on chairs",
         methods=_ids(
-            "surface-apss alpha-wrap denoised-wrap pc2pix splat-net@chair fused-net blank"
+            "surface-apss alpha-wrap denoised-wrap splat-fill pc2pix splat-net@chair fused-net "
+            "blank"
         ),
         conditions=_ids(  # each the worse the later, see FAMILIES in bench/catalogue/conditions.py
             "2048 1024 512 256 128 noise-0.05 noise-0.10 noise-0.15 noise-0.20 outliers-0.01 "

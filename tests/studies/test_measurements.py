@@ -27,7 +27,7 @@ def lines(path: Path) -> list[dict[str, str]]:
     return list(csv.DictReader(io.StringIO(path.read_text())))
 
 
-@pytest.mark.parametrize("name", [name for name in MEASUREMENTS if name != "costs"])
+@pytest.mark.parametrize("name", [name for name in MEASUREMENTS if measurements.of_scores(name)])
 def test_files_are_of_this_protocol_and_of_the_methods_that_their_run_measures(name):
     options = MEASUREMENTS[name].options.split()
     rows = lines(NUMBERS / f"{name}.csv")
@@ -90,3 +90,19 @@ def test_a_run_becomes_its_files(tmp_path, monkeypatch):
             assert float(row["difference"]) == pytest.approx(ours - best, abs=1.5e-6)
     assert "run_a" not in pairs[0]
     assert (tmp_path / "first.csv").read_text() == (run / "tables" / "headline.csv").read_text()
+
+
+def test_a_run_is_entered_with_its_date_commit_processor_and_command(tmp_path, monkeypatch):
+    """Lines of measurements that are no more go; the others stay, in the order of the list."""
+    monkeypatch.setattr(measurements, "MEASURED", tmp_path / "measured.csv")
+    head = "name,date,commit,processor,command\n"
+    old, gone = "costs,2026-11-01,aaaaaaaa,x,bench run\n", "gone,2026-11-01,bbbbbbbb,x,bench run\n"
+    (tmp_path / "measured.csv").write_text(head + old + gone)
+    manifest = {
+        "finished": "2026-11-27T20:30:00+00:00",
+        "git": {"commit": "0123456789abcdef", "clean": True},
+        "machine": {"cpu": "an AMD EPYC", "instructions": "family 25: avx2"},
+    }
+    text = measurements.measured("latent", manifest, ["bench", "run", "--suite", "latent"])
+    line = 'latent,2026-11-27,01234567,"an AMD EPYC, family 25: avx2",bench run --suite latent\n'
+    assert text == head + line + old

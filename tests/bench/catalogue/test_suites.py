@@ -54,7 +54,7 @@ CLASSES = find("thirteen-classes", SUITES, "suite")
 def test_chairs_in_grey_have_the_methods_that_make_up_no_colour_and_networks_in_grey():
     chosen = with_truth(ROBUSTNESS, "grey")
     assert chosen.methods == (
-        *("surface-apss", "alpha-wrap", "denoised-wrap"),
+        *("surface-apss", "alpha-wrap", "denoised-wrap", "splat-fill"),
         *("occupancy-net", "splat-net@grey", "fused-net@grey"),
         *("true-mesh", "constant", "blank"),
     )

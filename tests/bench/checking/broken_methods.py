@@ -124,7 +124,8 @@ class UnseededBesideSeeded(StochasticDraw):
 
     def draw(self, state, views, rng):
         images = super().draw(state, views, rng)
-        return images * np.float32(np.random.default_rng().random() if len(views) > 8 else 1)
+        factor = np.random.default_rng().uniform(0.5, 0.9) if len(views) > 8 else 1
+        return images * np.float32(factor)
 
 
 class ChangesState(Plain):
