@@ -1,4 +1,4 @@
-# The benchmark without a display and a GPU; docs/headless.md says how to use it.
+# The benchmark without a display and a GPU; docs/platforms.md says how to use it.
 FROM python:3.11-slim-bookworm
 RUN apt-get update -qq && apt-get install -qq -y --no-install-recommends \
         libegl1 libgl1 libopengl0 libgomp1 libusb-1.0-0 \

@@ -1,4 +1,4 @@
-"""Pages whose commands and blocks are run: CI, Python, notebooks, the Dockerfile."""
+"""Pages whose commands and blocks are run: CI, Python, the Dockerfile."""
 
 from __future__ import annotations
 
@@ -74,37 +74,24 @@ def test_the_golden_values_of_the_page_are_kept_by_both_jobs(folder, monkeypatch
 
 
 @pytest.mark.slow
-def test_the_blocks_for_notebooks(folder, monkeypatch):
-    monkeypatch.chdir(folder)
-    names = {}
-    exec("\n".join(blocks("notebooks.md", "python")), names)
-    assert names["image"].shape == (256, 256, 3)
-    assert {"splat", "surface-fit"} < {*names["table"]["method"]}
-    with Image.open("turn.gif") as turn:
-        assert turn.n_frames == 24
-        assert (np.asarray(turn.convert("RGB")) < 255).any()
-
-
-@pytest.mark.slow
-def test_the_script_of_the_page_on_python(tmp_path):
-    shutil.copy(ROOT / "examples" / "chair.ply", tmp_path / "cloud.ply")
+def test_the_script_of_the_page_on_python(folder):
     parts = blocks("python.md", "python")
-    assert len(parts) == 6
+    assert len(parts) == 7
     done = subprocess.run(
-        [sys.executable, "-c", "\n".join(parts)], cwd=tmp_path, capture_output=True, text=True
+        [sys.executable, "-c", "\n".join(parts)], cwd=folder, capture_output=True, text=True
     )
     assert done.returncode == 0, done.stderr
     maps, like_blank, pairs = done.stdout.splitlines()
     assert maps.startswith("(128, 128) 1.0 [")
-    expected = bench.draw_cloud(tmp_path / "cloud.ply", 30, 20)
+    expected = bench.draw_cloud(folder / "cloud.ply", 30, 20)
     assert float(like_blank) == pytest.approx(ssim(expected, 255 + 0 * expected).ssim, abs=1e-4)
     assert pairs == "(36,)"
-    with Image.open(tmp_path / "chair.png") as image:
+    with Image.open(folder / "chair.png") as image:
         # Another process may have another number of threads: a grey level by rounding.
         np.testing.assert_allclose(np.asarray(image).astype(int), expected, rtol=0, atol=1)
-    with Image.open(tmp_path / "turn.gif") as turn:
+    with Image.open(folder / "turn.gif") as turn:
         assert (turn.n_frames, turn.size) == (36, (128, 128))
-    with Image.open(tmp_path / "surface.png") as surface:
+    with Image.open(folder / "surface.png") as surface:
         assert (np.asarray(surface) < 255).any()
 
 
