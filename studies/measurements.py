@@ -80,7 +80,7 @@ MEASUREMENTS: Mapping[str, QuotedRun] = {
         _COMPARED_ON_CHAIRS,
     ),
     "novel-families": QuotedRun(
-        "--suite chair-robustness --dataset procedural:novel-families --limit 50 --views 10 "
+        "--suite chair-robustness --dataset procedural:novel-families --limit 24 --views 10 "
         f"--methods {_ON_CHAIRS}",
         _COMPARED_ON_CHAIRS,
     ),
