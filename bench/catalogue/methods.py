@@ -35,6 +35,15 @@ _BY_HAND: dict[str, dict[str, Any]] = {  # what rows cannot say
 }
 
 
+def _rows() -> list[dict[str, Any]]:
+    with Path(__file__).with_suffix(".csv").open(encoding="utf-8", newline="") as file:
+        return list(csv.DictReader(file))
+
+
+# The methods that a reader should choose from, with what for.
+CHOOSE_FOR: dict[str, str] = {row["id"]: row["choose_for"] for row in _rows() if row["choose_for"]}
+
+
 def _methods() -> Iterator[Method]:
     """Yield the methods of the table.
 
@@ -44,23 +53,22 @@ def _methods() -> Iterator[Method]:
     renderer  of a network the package (`_WITH_WEIGHTS_FILE`), else a class below `baselines`
     needs     of a network the name of its weights, else the libraries that its images depend on
     """
-    with Path(__file__).with_suffix(".csv").open(encoding="utf-8", newline="") as file:
-        for row in csv.DictReader(file):
-            renderer, needs, version = row.pop("renderer"), row.pop("needs"), row.pop("version")
-            sees, sizes = row.pop("sees"), row.pop("sizes")
-            fields: dict[str, Any] = {"sees_mesh": sees == "mesh", "sees_cloud": sees == "cloud"}
-            if row["kind"] == "network":
-                package = _WITH_WEIGHTS_FILE[renderer]
-                fields["weights_file"] = partial(package.file, needs)
-                fields["identity"] = partial(package.identity, needs)
-                fields["load"] = partial(package.load, needs)
-                version = version or package.version
-            else:
-                fields["identity"] = partial(loaders.versions, *needs.split())
-                fields["load"] = partial(loaders.renderer, renderer)
-            fields["sizes"] = ANY_SIZE if sizes == "any" else tuple(map(int, sizes.split()))
-            fields |= {"version": int(version)} | _BY_HAND.get(row["id"], {})
-            yield Method(**row, **fields)
+    for row in _rows():
+        renderer, needs, version = row.pop("renderer"), row.pop("needs"), row.pop("version")
+        sees, sizes, _ = row.pop("sees"), row.pop("sizes"), row.pop("choose_for")
+        fields: dict[str, Any] = {"sees_mesh": sees == "mesh", "sees_cloud": sees == "cloud"}
+        if row["kind"] == "network":
+            package = _WITH_WEIGHTS_FILE[renderer]
+            fields["weights_file"] = partial(package.file, needs)
+            fields["identity"] = partial(package.identity, needs)
+            fields["load"] = partial(package.load, needs)
+            version = version or package.version
+        else:
+            fields["identity"] = partial(loaders.versions, *needs.split())
+            fields["load"] = partial(loaders.renderer, renderer)
+        fields["sizes"] = ANY_SIZE if sizes == "any" else tuple(map(int, sizes.split()))
+        fields |= {"version": int(version)} | _BY_HAND.get(row["id"], {})
+        yield Method(**row, **fields)
 
 
 METHODS = tuple(_methods())

@@ -131,6 +131,12 @@ class Suite:
         of_sets = dict.fromkeys(map(extractor_of, self.set_metrics))
         return (*of_sets, *((JUDGE,) if self.control_metrics else ()))
 
+    @property
+    def metrics(self) -> tuple[str, ...]:
+        """Return the metrics that the tables of the suite show."""
+        of_images = (*self.image_metrics, *self.detail_metrics)
+        return (*of_images, *self.set_metrics, *self.class_metrics, *self.control_metrics)
+
     def table(self, kind: TableKind) -> TableSpec | None:
         """Return the suite's table of a kind; None where it has none."""
         return next((table for table in self.tables if table.kind == kind), None)

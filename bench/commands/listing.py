@@ -1,4 +1,4 @@
-"""`bench list`: suites, methods, conditions, metrics and datasets by their ids.
+"""`bench list`: what to choose from, or with --all every suite, method, metric and so on by its id.
 
 It answers at once: no package that is slow to import is loaded, nor a plug-in.
 """
@@ -21,10 +21,17 @@ from bench.catalogue.chosen import (
 )
 from bench.catalogue.lookup import unknown
 from bench.catalogue.method import IMAGES, Method
-from bench.catalogue.methods import COST_VARIANTS, METHODS, PARAMETERS, RECOMMENDED
+from bench.catalogue.methods import (
+    CHOOSE_FOR,
+    COST_VARIANTS,
+    METHODS,
+    PARAMETERS,
+    RECOMMENDED,
+    find_method,
+)
 from bench.catalogue.metrics import METRICS
 from bench.catalogue.plugins import plugin_problem
-from bench.catalogue.suites import ALL_SUITES, ROBUSTNESS
+from bench.catalogue.suites import ALL_SUITES, ROBUSTNESS, SUITES
 from bench.tables.terminal import ANY_WIDTH, line_width
 from data_prep.clouds.conditions import CONDITIONS
 from data_prep.plugins import announced
@@ -59,6 +66,7 @@ _OWN_DATASETS = (
     ("exported:PATH", "a folder of 'bench data export': clouds, views and true images"),
     ("paper:PATH", "clouds, 20 images of each and their cameras, as the paper's code has them"),
 )
+_ONE_VIEW = "one view: of a new cloud of 2048 points, by results/costs.csv"
 Entry = tuple[str, ...]  # a name, facts, a text
 _Section = tuple[Sequence[str], Sequence[Entry], Sequence[str]]  # heads, entries, notes
 SECTIONS = ("suites", "methods", "variants", "conditions", "metrics", "datasets")
@@ -68,26 +76,65 @@ def list_all(
     section: Annotated[
         str | None,
         typer.Argument(
-            metavar="[SECTION]", help=f"One of {', '.join(SECTIONS)}. Default: all of them."
+            metavar="[SECTION]",
+            help=f"One of {', '.join(SECTIONS)}, whole. Default: a part of each.",
         ),
     ] = None,
+    everything: Annotated[
+        bool,
+        typer.Option("--all", help="List every section whole."),
+    ] = False,
 ) -> None:
-    """List suites, methods and their variants, conditions, metrics and datasets."""
+    """List the methods to choose from, suites, conditions and metrics; with --all everything."""
     if section is not None and section not in SECTIONS:
         raise unknown(section, SECTIONS, "section", see="bench list --help")
+    width = line_width()
+    if section is None and not everything:
+        print("\n".join(_short_lines(width)))
+        return
     for title in SECTIONS if section is None else (section,):
-        print("\n".join((f"{title}:", *section_lines(title, line_width()))))
+        print("\n".join((f"{title}:", *section_lines(title, width))))
 
 
 def section_lines(title: str, width: int = ANY_WIDTH) -> list[str]:
-    """Return the lines of a section, of at most `width` columns."""
+    """Return the lines of a whole section, of at most `width` columns."""
     if title == "methods":
         heads, entries, notes = _methods(measured_methods())
     elif title == "metrics":
-        heads, entries, notes = _metrics()
+        heads, entries, notes = _metrics([*METRICS])
+        notes = ("on request: by 'bench run --metrics' and 'bench score'", *notes)
     else:
         plain = [(f"  {name}", about) for name, about in _plain_entries(title)]
         heads, entries, notes = ("", ""), plain, ()
+    return _with_notes(heads, entries, notes, width)
+
+
+def _short_lines(width: int) -> Iterator[str]:
+    """Yield the lines of what to choose from: no other methods, and metrics that suites show."""
+    costs = measured_methods()
+    first = sorted(CHOOSE_FOR, key=RECOMMENDED.__ne__)
+    methods = [(f"  {id_}", _cost(find_method(id_), costs), CHOOSE_FOR[id_]) for id_ in first]
+    methods += [(f"  {id_}", "", _of_package("method", id_)) for id_ in announced("method")]
+    shown = {metric for suite in SUITES for metric in suite.metrics}
+    yield "suites:"
+    yield from section_lines("suites", width)
+    yield "methods to choose from:"
+    yield from _with_notes(("", "one view", ""), methods, (_ONE_VIEW,), width)
+    yield "conditions:"
+    yield from section_lines("conditions", width)
+    yield "metrics:"
+    yield from _with_notes(*_metrics([metric for metric in METRICS if metric in shown]), width)
+    others = len(METHODS) - len(CHOOSE_FOR)
+    yield from textwrap.wrap(
+        f"'bench list --all' has {others} more methods, their variants, the metrics on request and "
+        "the datasets; 'bench list methods' has all methods",
+        width,
+    )
+
+
+def _with_notes(
+    heads: Sequence[str], entries: Sequence[Entry], notes: Sequence[str], width: int
+) -> list[str]:
     of_notes = (line for note in notes for line in textwrap.wrap(note, width))
     return [*_lines(heads, entries, width), *of_notes]
 
@@ -139,15 +186,14 @@ def _methods(costs: Mapping[str, MeasuredMethod]) -> _Section:
     ]
     rows += [("", id_, "", "", "", _of_package("method", id_)) for id_ in announced("method")]
     notes = (
-        f"* recommended: {RECOMMENDED} for objects of any kind; '{BEST_CLASSICAL}' is one of "
-        f"{', '.join(chosen)}, by metric and condition",
+        "* to choose from, see 'bench list'",
+        f"'{BEST_CLASSICAL}' is one of {', '.join(chosen)}, by metric and condition",
         f"{IMAGES}TREE: a method that was run elsewhere, by its images of an export "
         "(docs/entering.md)",
-        "one view: of a new cloud of 2048 points, by results/costs.csv; ~: as another of its "
-        "family, of the same size",
+        f"{_ONE_VIEW}; ~: as another of its family, of the same size",
     )
     heads = ("", "trained on", "colour", "one view", "")
-    return heads, _by_kind(rows, _METHOD_KINDS, (RECOMMENDED, *chosen)), notes
+    return heads, _by_kind(rows, _METHOD_KINDS, [*CHOOSE_FOR]), notes
 
 
 def _cost(method: Method, costs: Mapping[str, MeasuredMethod]) -> str:
@@ -159,17 +205,15 @@ def _cost(method: Method, costs: Mapping[str, MeasuredMethod]) -> str:
     return "~" * (method.id not in costs) + f"{number} ms"
 
 
-def _metrics() -> _Section:
-    """Return the metrics by what they are taken of, and which way is better."""
-    rows = [(m.kind, m.id, "higher" if m.higher else "lower", m.about) for m in METRICS.values()]
+def _metrics(names: Sequence[str]) -> _Section:
+    """Return metrics by what they are taken of, and which way is better."""
+    metrics = [METRICS[name] for name in names]
+    rows = [(m.kind, m.id, "higher" if m.higher else "lower", m.about) for m in metrics]
     rows += [
         ("", id_, "", _of_package("metric", id_, "; see 'bench score'"))
         for id_ in announced("metric")
     ]
-    notes = (
-        "on request: by 'bench run --metrics' and 'bench score'",
-        "* of the headline table, 'bench compare' and 'bench recommend'",
-    )
+    notes = ("* of the headline table, 'bench compare' and 'bench recommend'",)
     return ("", "better", ""), _by_kind(rows, _METRIC_KINDS, ROBUSTNESS.headline), notes
 
 

@@ -94,7 +94,7 @@ def test_those_of_other_packages_are_found_listed_and_replace_none_of_ours(stran
     assert announced("metric") == ("a/b", "good", "missing", "other", "ssim", "text", "twice")
     (ours,) = (method for method in METHODS if method.id == "blank")
     assert find_method("blank") is ours
-    status, out, _ = command("list")  # which loads none
+    status, out, _ = command("list", "--all")  # which loads none
     assert status == 0
     lines = [" ".join(line.split()) for line in out.splitlines()]
     assert "missing of another installed package; see 'bench score'" in lines

@@ -7,9 +7,9 @@ import re
 import pytest
 
 from bench.catalogue.chosen import measured_methods
-from bench.catalogue.methods import METHODS, PARAMETERS
+from bench.catalogue.methods import CHOOSE_FOR, METHODS, PARAMETERS, RECOMMENDED
 from bench.catalogue.metrics import METRICS
-from bench.catalogue.suites import ALL_SUITES
+from bench.catalogue.suites import ALL_SUITES, SUITES
 from bench.commands.listing import SECTIONS, section_lines
 from data_prep.clouds.conditions import CONDITIONS
 
@@ -29,18 +29,36 @@ BY_SECTION = {
 def names(lines):
     """Return the names of entries among lines that are not wrapped."""
     entries = (ENTRY.fullmatch(line) for line in lines)
-    return [entry[1] for entry in entries if entry and entry[1] != "recommended:"]
+    return [entry[1] for entry in entries if entry]
+
+
+def sections_of(printed):
+    return dict(re.findall(r"^(\w[\w ]*):\n((?:.+\n)+?)(?=\w[\w ]*:\n|\Z)", printed, re.MULTILINE))
 
 
 def test_all_sections_name_everything(command):
-    status, out, err = command("list")
+    status, out, err = command("list", "--all")
     assert (status, err) == (0, "")
-    sections = dict(re.findall(r"^(\w+):\n((?:.+\n)+?)(?=\w+:\n|\Z)", out, re.MULTILINE))
+    sections = sections_of(out)
     assert list(sections) == list(SECTIONS)
     for title, expected in BY_SECTION.items():
         found = [name for name in names(sections[title].splitlines()) if name in expected]
         assert found == expected, title
         assert command("list", title) == (0, f"{title}:\n{sections[title]}", "")
+
+
+def test_without_all_methods_to_choose_from_and_metrics_that_suites_show(command):
+    status, out, err = command("list")
+    assert (status, err) == (0, "")
+    sections = {title: names(lines.splitlines()) for title, lines in sections_of(out).items()}
+    methods = sections.pop("methods to choose from")
+    assert methods[0] == RECOMMENDED
+    assert sorted(methods) == sorted(CHOOSE_FOR)
+    metrics = [name for name in METRICS if any(name in suite.metrics for suite in SUITES)]
+    assert {*BY_SECTION["metrics"]} - {*metrics} == {"ms-ssim", "flip", "dists", "st-lpips"}
+    assert [name for name in sections.pop("metrics") if name in METRICS] == metrics
+    assert sections == {title: BY_SECTION[title] for title in ("suites", "conditions")}
+    assert all(text in out for text in CHOOSE_FOR.values())
 
 
 def test_costs_are_those_of_the_table():
