@@ -113,8 +113,14 @@ MEASUREMENTS: Mapping[str, QuotedRun] = {
         _COMPARED_IN_GREY,
         JUDGES,
     ),
-    "latent": QuotedRun("--suite latent"),
-    "stability": QuotedRun("--suite stability"),
+    "latent": QuotedRun(
+        "--suite latent",
+        copied=(("latent_interpolation", "latent-paths"), ("latent_arithmetic", "latent-sums")),
+    ),
+    "stability": QuotedRun(
+        "--suite stability",
+        copied=(("stability_methods", "stability"), ("observations", "stability-observations")),
+    ),
     COSTS_RUN: QuotedRun(
         "--suite speed --device cpu --limit 4 --methods surface-apss,surface-fit,surface-bpa,"
         "poisson,alpha-wrap,denoised-wrap,pc2pix,pc2pix@paper,splat-net,splat-net@grey,"
