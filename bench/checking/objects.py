@@ -32,10 +32,11 @@ from numpy.typing import NDArray
 
 from bench.analysis.scored_run import Run, in_order
 from bench.catalogue.methods import known_method
-from bench.checking.tolerances import PRINTED, object_tolerance
+from bench.checking.tolerances import OBJECT_RENDERING, PRINTED, object_tolerance
 from bench.records.frames import stored_artifacts
 from bench.records.job import JobName
 from bench.tables.published import golden_name, golden_path
+from data_prep.datasets.protocol_version import refuse_other_version
 from data_prep.failures import BadInput
 from data_prep.files.atomic_write import write_whole
 from data_prep.files.safe_read import read_text
@@ -207,7 +208,11 @@ def write_file(run: Run, protocol: Mapping[str, Any], path: Path) -> None:
 
 
 def read_golden_file(path: Path) -> GoldenObjects:
-    """Return what `write_file` has written. Raises BadInput for any other file."""
+    """Return what `write_file` has written. Raises BadInput for any other file.
+
+    Another file is one of another version of the protocol, too, and one with other columns.
+    """
+    again = f"write it again with 'bench check DIR --bless {path}'"
     text = read_text(path, _MOST_BYTES)
     try:
         fields = json.loads(text)
@@ -220,12 +225,26 @@ def read_golden_file(path: Path) -> GoldenObjects:
         )
     told = fields.pop("sha256", None)
     if told != sha256(_packed(fields)).hexdigest():
-        raise BadInput(
-            f"{path}: damaged or altered since it was written; restore it, or write it again with "
-            f"'bench check DIR --bless {path}'"
-        )
-    lines = _read_lines("\n".join(fields["lines"]))
-    return GoldenObjects(fields["protocol"], fields["environment"], lines)
+        raise BadInput(f"{path}: damaged or altered since it was written; restore it, or {again}")
+    try:
+        protocol, environment = dict(fields["protocol"]), dict(fields["environment"])
+        refuse_other_version(path, protocol.get("protocol"), again)
+        lines = _read_lines("\n".join(fields["lines"]))
+        metrics = [*lines.columns[len(KEY) : -1]]
+        # Of lines with more fields than names, pandas makes the first ones the index.
+        if [*lines.columns] != [*KEY, *metrics, IMAGES] or not isinstance(
+            lines.index, pd.RangeIndex
+        ):
+            raise ValueError("other columns")
+        lines[metrics] = lines[metrics].astype(float)
+    except (KeyError, TypeError, ValueError) as error:
+        if isinstance(error, BadInput):
+            raise
+        reason = str(error).splitlines()[0]
+        raise BadInput(f"{path}: no golden values by object ({reason}); {again}") from None
+    if unknown := [name for name in metrics if name not in OBJECT_RENDERING]:
+        raise BadInput(f"{path}: {unknown[0]} is no metric of images of this version; {again}")
+    return GoldenObjects(protocol, environment, lines)
 
 
 def _packed(fields: Mapping[str, Any]) -> bytes:

@@ -207,14 +207,15 @@ def load_manifest(
             f"{where}: written by a newer version (schema {schema}, this one reads up to "
             f"{SCHEMA_VERSION}); update pc2pix-bench or give another --out"
         )
+    if PROTOCOL in manifest:
+        again = remedy or "run again with another --out or --fresh"
+        refuse_other_version(where, manifest[PROTOCOL], again, older)
     if schema < SCHEMA_VERSION or PROTOCOL not in manifest:
         raise BadInput(
             f"{where}: a run of version 1.0.0 or earlier (schema {schema}, this one reads "
             f"{SCHEMA_VERSION}), which this one does not read; "
             + (remedy or "start it again with another --out or --fresh")
         )
-    again = remedy or "run again with another --out or --fresh"
-    refuse_other_version(where, manifest[PROTOCOL], again, older)
     if problem := _misfit_of(manifest):
         raise BadInput(f"{path}: not a manifest ({problem}); {instead}")
     return manifest

@@ -176,10 +176,6 @@ def exported_dataset(spec: str, root: Path) -> Dataset:
     listing = DatasetListing()
     seed = None
     for where, name, row in _rows(root, OBJECTS):
-        version = row["protocol"]
-        refuse_other_version(
-            where, int(version) if version.isdecimal() else version, "export it again"
-        )
         seed = row["seed"] if seed is None else seed
         if row["seed"] != seed or not seed.isdecimal():
             raise BadInput(
@@ -213,7 +209,8 @@ def checksum_of(root: Path) -> str:
 def listed_files(root: Path) -> dict[str, str]:
     """Return the files of an export with their checksums, its lists included.
 
-    Raises BadInput as `exported_dataset`, and for metadata without the checksums of the lists.
+    Raises BadInput as `exported_dataset`, for another protocol, too, and for metadata without the
+    checksums of the lists.
     """
     path = root / METADATA
     try:
@@ -241,8 +238,12 @@ def _rows(root: Path, name: str) -> Iterator[tuple[str, tuple[str, str], dict[st
             if len(fields) != len(columns) or (number == 1 and tuple(fields) != columns):
                 raise BadInput(f"{path}:{number}: expected {','.join(columns)}; export it again")
             if number > 1:
-                row = dict(zip(columns, fields, strict=True))
-                yield f"{path}:{number}", (plain_text(row["class"]), plain_text(row["object"])), row
+                row, where = dict(zip(columns, fields, strict=True)), f"{path}:{number}"
+                if name == OBJECTS:
+                    version = row["protocol"]
+                    number_or_text = int(version) if version.isdecimal() else version
+                    refuse_other_version(where, number_or_text, "export it again")
+                yield where, (plain_text(row["class"]), plain_text(row["object"])), row
     except (csv.Error, ValueError) as error:
         if isinstance(error, BadInput):
             raise

@@ -4,7 +4,9 @@ from __future__ import annotations
 
 import json
 import shlex
+import shutil
 from dataclasses import replace
+from hashlib import sha256
 
 import pytest
 import torch
@@ -20,9 +22,49 @@ from learning.weights import FILES as WEIGHTS
 from ..builders import make_manifest, write_run
 
 OLDER, NEWER = PROTOCOL_VERSION - 1, PROTOCOL_VERSION + 1
+OTHER_VERSIONS = (*range(1, PROTOCOL_VERSION), NEWER)
 ROBUSTNESS = "run --suite chair-robustness"
+GOLDEN = ("method,condition,class,object,ssim,images", "splat,2048,chair,a,0.5,")
+
+
+def golden_text(lines=GOLDEN, version=PROTOCOL_VERSION, **fields):
+    """Return a file of golden values, whose checksum is right whatever it says."""
+    fields = {"format": "golden values of pc2pix-bench, 1", "environment": {}, "lines": lines} | {
+        "protocol": {"protocol": version},
+        **fields,
+    }
+    packed = json.dumps(fields, sort_keys=True).encode()
+    return json.dumps(fields | {"sha256": sha256(packed).hexdigest()})
+
+
+def export_texts(folder, version):
+    """Return the lists of an export of one chair, by the path of the file."""
+    chair, stored = "chair,test-0000", "a,0"
+    return {
+        f"{folder}/objects.csv": "class,object,protocol,seed,dataset,file,sha256\n"
+        f"{chair},{version},0,procedural,,\n",
+        f"{folder}/clouds.csv": "class,object,condition,points,file,sha256\n"
+        f"{chair},2048,9,{stored}\n",
+        f"{folder}/views.csv": "class,object,view,azimuth_deg,elevation_deg,file,sha256\n"
+        f"{chair},0,0,0,{stored}\n",
+        f"{folder}/croissant.json": '{"distribution": []}',
+    }
+
+
 # What lies in the folder where the command lines are typed: files and their text.
 FILES = {
+    "columns.json": golden_text(["a,b", "1,2"]),
+    "words.json": golden_text([GOLDEN[0], GOLDEN[1].replace("0.5", "half")]),
+    "no-lines.json": golden_text(None),
+    "empty-lines.json": golden_text([]),
+    "longer-lines.json": golden_text([GOLDEN[0], GOLDEN[1] + ",5"]),
+    "quote.json": golden_text(['"', *GOLDEN]),
+    "beauty.json": golden_text([line.replace("ssim", "beauty") for line in GOLDEN]),
+    "no-protocol.json": golden_text(protocol=None),
+    "empty-protocol.json": golden_text(protocol={}),
+    "no-environment.json": golden_text(environment=None),
+    **{f"golden-{version}.json": golden_text(version=version) for version in OTHER_VERSIONS},
+    **{k: v for n in OTHER_VERSIONS for k, v in export_texts(f"exports/protocol-{n}", n).items()},
     "meshes/sofa/one.obj": "",
     "thesis/chapter1.tex": "",
     "cloud.xyz": "0 0 0\n1 0 0\n",
@@ -108,7 +150,7 @@ CASES: dict[str, str] = {
     "table nowhere": "nowhere: no such folder; give a run's folder",
     "test folder:/no/such": "/no/such: no such folder",
     "data inspect nowhere": "nowhere: no such folder",
-    "data inspect shapenet:.": "no ShapeNetCore here",
+    "data inspect shapenet:thesis": "no ShapeNetCore here",
     "data verify gone": "gone: no such folder; give that of the meshes, or an export",
     # --- numbers
     f"{ROBUSTNESS} --limit 0": "--limit 0: must be at least 1",
@@ -169,7 +211,7 @@ CASES: dict[str, str] = {
     f"{ROBUSTNESS} --metrics fd-effnet": "metric 'fd-effnet' went with version 2.0: use fd-alex",
     "render cloud.xyz --method auto@50ms": "'bench render --budget 50ms' chooses by time",
     "table of-rounding": "of-rounding: suite 'rounding' went with version 2.0: ",
-    "compare newer --methods splat,blank": f"newer: of protocol {NEWER}, ",
+    f"compare run-{NEWER} --methods splat,blank": f"run-{NEWER}: of protocol {NEWER}, ",
     "table of-gray": "unknown truth 'gray': did you mean 'grey'? there are coloured, grey",
     # --- budgets
     **{
@@ -276,6 +318,23 @@ CASES |= {
     **{
         f"check run --golden {name}": f"{name}: {NO_GOLDEN}" for name in ("brace.json", "list.json")
     },
+    **{
+        f"check run --golden {name}.json": f"{name}.json: {problem}; write it again with 'bench "
+        f"check DIR --bless {name}.json'"
+        for name, problem in {
+            "columns": "no golden values by object (other columns)",
+            "words": "no golden values by object (could not convert string to float: 'half')",
+            "no-lines": "no golden values by object (can only join an iterable)",
+            "empty-lines": "no golden values by object (No columns to parse from file)",
+            "longer-lines": "no golden values by object (other columns)",
+            "quote": "no golden values by object (Error tokenizing data. C error: EOF inside "
+            "string starting at row 0)",
+            "beauty": "beauty is no metric of images of this version",
+            "no-protocol": "no golden values by object ('NoneType' object is not iterable)",
+            "no-environment": "no golden values by object ('NoneType' object is not iterable)",
+        }.items()
+    },
+    "check run --golden empty-protocol.json": "empty-protocol.json: of protocol None, this version",
     "check run --golden cloud.xyz --format junit": f"cloud.xyz: {NO_GOLDEN}",
     "check run --bless meshes": "meshes: a folder; give the name of a file, such as golden.json",
     "check run --bless a.json --golden b.json": "--bless: writes golden values; leave --golden",
@@ -289,22 +348,37 @@ CASES |= {
     "check run --again 1 --golden a": "--again: compares a run with itself; leave --golden",
     "compare run run --fail-on better": "Invalid value for '--fail-on': 'better' is not one of ",
 }
-CASES |= {
-    line.replace("OTHER", other): f"{other}: of protocol {version}, this version has protocol "
-    f"{PROTOCOL_VERSION} ('bench --protocol'); {release}, or run again with another --out "
-    for other, version, release in (
-        ("older", OLDER, "check out the release that made it"),
-        ("newer", NEWER, "update pc2pix-bench"),
-    )
-    for line in (
-        *("table OTHER", "report OTHER", "check OTHER", "check OTHER --bless x.json"),
-        *("check run OTHER --claims", "recommend OTHER --budget-ms 100", "report run OTHER"),
-        *("score OTHER --metrics ms-ssim", "compare run OTHER", "compare OTHER run"),
-        "merge OTHER --out whole",
-        *(f"{ROBUSTNESS} --methods splat --out OTHER", f"{ROBUSTNESS} --dry-run --out OTHER"),
-        "run --suite stability --methods splat --out OTHER",
-    )
+AGAIN = "run again with another --out or --fresh"
+OF_OTHER_PROTOCOLS = {  # command lines on what is of protocol N, and the remedy that they say
+    **dict.fromkeys(
+        (
+            *("table run-N", "report run-N", "report run run-N --out site", "recommend run-N"),
+            *("check run-N", "check run-N --bless x.json", "check run-N --again 0.5"),
+            *("check run-N --claims", "check run run-N --claims"),
+            "check run-N --golden golden-N.json",
+            *("compare run run-N", "compare run-N run", "score run-N --metrics ms-ssim"),
+            *("merge run-N --out whole", "add splat run-N", "add splat run-N --dataset procedural"),
+            *(f"{ROBUSTNESS} --methods splat --out run-N", f"{ROBUSTNESS} --dry-run --out run-N"),
+            f"{ROBUSTNESS} --methods splat --shard 1/2 --out run-N",
+            *(f"run --suite {suite} --out run-N" for suite in ("stability", "speed", "latent")),
+        ),
+        f"or {AGAIN}",
+    ),
+    "run --config run-N/manifest.json": "or give the manifest.json of a run, or state the options",
+    f"{ROBUSTNESS} --dataset exported:exports/protocol-N": "or export it again",
+    "data export --dataset exported:exports/protocol-N --out x": "or export it again",
+    "add splat others --dataset exported:exports/protocol-N": "or export it again",
+    "data inspect exports/protocol-N": "or export it again",
+    "data verify exports/protocol-N": "or export it again",
+    "check run --golden golden-N.json": "or write it again with 'bench check DIR --bless golden-N.",
 }
+for other in OTHER_VERSIONS:
+    release = "update pc2pix-bench" if other == NEWER else "check out the release that made it"
+    told = f"of protocol {other}, this version has protocol {PROTOCOL_VERSION} ('bench --protocol'"
+    CASES |= {
+        line.replace("-N", f"-{other}"): f"{told}); {release}, {remedy}".replace("-N", f"-{other}")
+        for line, remedy in OF_OTHER_PROTOCOLS.items()
+    }
 WITHOUT_GPU = [
     f"{ROBUSTNESS} --methods splat",
     f"{ROBUSTNESS} --ray local",
@@ -322,7 +396,7 @@ def tree(folder):
 
 @pytest.fixture(scope="module")
 def folder(tmp_path_factory, tiny_weights):
-    """Return the folder with FILES, MANIFESTS, and runs of this, an older and a newer protocol."""
+    """Return the folder with FILES, MANIFESTS, and runs of this and all other protocols."""
     folder = tmp_path_factory.mktemp("here")
     for name, text in FILES.items():
         (folder / name).parent.mkdir(parents=True, exist_ok=True)
@@ -331,10 +405,11 @@ def folder(tmp_path_factory, tiny_weights):
     for name, changes in MANIFESTS.items():
         (folder / name).mkdir()
         write_manifest(folder / name, make_manifest(**changes))
-    for name, version in (("run", PROTOCOL_VERSION), ("older", OLDER), ("newer", NEWER)):
-        run = write_run(folder / name)
-        manifest = json.loads((run / "manifest.json").read_text())
-        write_manifest(run, manifest | {"protocol": version})
+    run = write_run(folder / "run")
+    manifest = json.loads((run / "manifest.json").read_text())
+    for version in OTHER_VERSIONS:
+        shutil.copytree(run, folder / f"run-{version}")
+        write_manifest(folder / f"run-{version}", manifest | {"protocol": version})
     return folder
 
 
