@@ -8,23 +8,23 @@ All are 800 pixels wide, and better is up or to the right.
 from __future__ import annotations
 
 import argparse
+import math
 from collections.abc import Callable, Mapping, Sequence
 from functools import partial
-from itertools import product
 from pathlib import Path
 from typing import TYPE_CHECKING
 
 import pandas as pd
 
 from bench.analysis.condition_sweep import condition_curves
-from bench.catalogue.conditions import condition_words
-from bench.catalogue.methods import FLOOR, known_method, role
+from bench.analysis.paper import AVERAGE
+from bench.catalogue.chosen import CHOSEN, cost_of, measured_methods
+from bench.catalogue.methods import FLOOR, role
 from bench.catalogue.metrics import higher_is_better
 from bench.report.figure import TEXT, save
-from bench.report.plots import axis_title, dots_figure, frontier_figure, points_of
+from bench.report.plots import axis_title, dots_figure, frontier_figure
 from bench.report.run_figures import family_figure, family_panels, quality_figure, quality_panel
 from bench.report.styles import method_styles
-from bench.suites.speed.tables import amortised_figure
 from studies.documents import NUMBERS
 
 if TYPE_CHECKING:
@@ -89,28 +89,25 @@ def _draw_paper_classes(file: str, metric: str, methods: Sequence[str]) -> Figur
     return dots_figure(dots, method_styles(methods))
 
 
-def _draw_frontier(methods: Sequence[str]) -> Figure:
-    """Draw quality against cost at three conditions; small dots are settings and other methods.
-
-    The frontier is that of all methods that there are.
-    """
-    points = []
-    for metric, condition in product(("lpips", "ssim"), ("2048", "512", "noise-0.05")):
-        rows = read("frontier.csv", metric=metric, condition=condition, views=20)
-        known = [known_method(m) is not None and role(m) != "ceiling" for m in rows["method"]]
-        rows = rows[known].assign(panel=condition_words(condition))
-        best: list[float] = []
-        for place in points_of(rows[rows["verdict"] != "reference"].sort_values("cost_ms")):
-            value = place.value if higher_is_better(metric) else -place.value
-            if place.verdict != "below a white image" and all(value > other for other in best):
-                rows.loc[place.Index, "verdict"] = "frontier"
-                best.append(value)
-        points.append(rows)
-    names = {"cost_ms": "cost", "cost_ci_low": "cost_low", "cost_ci_high": "cost_high"}
-    frame = pd.concat(points).rename(columns=names)
-    styles = method_styles(dict.fromkeys(frame["method"]))
-    size = {"columns": 3, "panel_in": 2.4}
-    return frontier_figure(frame, styles, "milliseconds for 20 views", named=methods, **size)
+def _draw_costs() -> Figure:
+    """Draw quality on real meshes against the cost of one view, with the frontier."""
+    costs = measured_methods()
+    panels = []
+    for metric in ("lpips", "ssim"):
+        rows = read("real-meshes-grey.csv", metric=metric, condition="2048")
+        rows = rows[(rows["class"] == AVERAGE) & ~rows["method"].isin(CHOSEN)]
+        cost = [cost_of(method, costs) for method in rows["method"]]
+        rows = rows.assign(cost=[c.one_view_ms if c else math.nan for c in cost], verdict="")
+        rows = rows.dropna(subset="cost").sort_values("cost").assign(panel=axis_title(metric))
+        usable = rows[rows["method"].map(role) == ""]
+        value = usable["value"] if higher_is_better(metric) else -usable["value"]
+        best = usable.index[value == value.cummax()]
+        rows.loc[best, "verdict"] = "frontier"
+        panels.append(rows.assign(cost_low=rows["cost"], cost_high=rows["cost"]))
+    frame = pd.concat(panels)
+    names = list(dict.fromkeys(frame["method"]))
+    label = "milliseconds for one view of a new cloud"
+    return frontier_figure(frame, method_styles(names), label, named=names)
 
 
 def _draw_families(file: str, methods: Sequence[str]) -> Figure:
@@ -118,11 +115,6 @@ def _draw_families(file: str, methods: Sequence[str]) -> Figure:
     values = pd.concat(read(file, methods, metric=metric) for metric in METRICS)
     curves = condition_curves(values.rename(columns={"low": "ci_low", "high": "ci_high"}))
     return family_figure(family_panels(curves), method_styles(methods))
-
-
-def _draw_view_costs(methods: Sequence[str]) -> Figure:
-    """Draw the time of an image by the number of views of its cloud; here down is better."""
-    return amortised_figure(read("amortised.csv", methods, threads=1))
 
 
 CHAIR = "splat-net@chair"
@@ -141,13 +133,8 @@ FIGURES: Mapping[str, Callable[[], Figure]] = {
     "table5": partial(
         _draw_paper_classes, "thirteen-classes.csv", "fd-views", ("surface-apss", "pc2pix@all")
     ),
-    "frontier": partial(
-        _draw_frontier, (CHAIR, "pc2pix", "surface-bpa", "surface-fit", "surface-apss", "splat")
-    ),
     "beyond": partial(_draw_families, "beyond-networks.csv", _BEYOND),
-    "amortised": partial(
-        _draw_view_costs, ("surface-apss", "surface-fit", "pc2pix", "pc2pix@paper", CHAIR)
-    ),
+    "trade": _draw_costs,
 }
 
 
