@@ -12,5 +12,16 @@ def test_values_decide_and_where_they_are_equal_or_missing_the_other_order():
     assert in_order(values, False, otherwise) == ["b", "d", "c", "a"]
 
 
-def test_the_file_is_what_the_measurement_gives():
-    assert RANKINGS.read_text(encoding="utf-8") == rankings()
+def row(class_name: str, method: str, value: float) -> dict[str, str]:
+    cell = {"metric": "lpips", "condition": "2048", "class": class_name}
+    return {**cell, "method": method, "failures_as_blank": str(value)}
+
+
+def test_a_run_decides_where_it_has_means_and_the_file_stays_elsewhere():
+    before = RANKINGS.read_text(encoding="utf-8")
+    assert rankings([row("chair", "splat", 0.0)]) == before
+    after = rankings([row("average", "splat", 0.1), row("average", "alpha-wrap", 0.2)])
+    changed = [
+        new for new, old in zip(after.splitlines(), before.splitlines(), strict=True) if new != old
+    ]
+    assert [line[:29] for line in changed] == ["lpips,2048,splat alpha-wrap d"]
