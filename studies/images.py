@@ -7,7 +7,6 @@ from dataclasses import replace
 from typing import NamedTuple
 
 import numpy as np
-import torch
 from numpy.typing import NDArray
 
 from bench.catalogue.lookup import find
@@ -33,7 +32,6 @@ from data_prep.scene import Mesh, PointCloud, Renderer, UInt8Images, View
 TURN_DEG = 0.1  # 0.1 px at the rim of the unit sphere: what another driver may amount to
 DISTANCES = ("fd-views", "fd-views-grey", "fd-alexnet")
 METRICS = (*IMAGE_METRICS, *DISTANCES, "kd-alexnet", *CONTROL_METRICS)
-BATCH = 20
 
 
 class SceneSet(NamedTuple):
@@ -99,38 +97,21 @@ class Outputs(NamedTuple):
 
 
 class FeatureNetworks:
-    """The bundled networks, which turn images into features in float32 (as in a run) or float64."""
+    """The bundled networks, which turn images into features as in a run."""
 
-    def __init__(self, dtype: torch.dtype = torch.float32) -> None:
-        self.dtype = dtype
-        self.views = load_views_network(VIEWS_WEIGHTS).to(dtype)
-        self.judge = load_judge_network(JUDGE_WEIGHTS).to(dtype)
-        self.alexnet = Lpips(find_lpips_weights(), dtype=dtype)
+    def __init__(self) -> None:
+        self.views = load_views_network(VIEWS_WEIGHTS)
+        self.judge = load_judge_network(JUDGE_WEIGHTS)
+        self.alexnet = Lpips(find_lpips_weights())
 
     def __call__(self, images: UInt8Images) -> Outputs:
         """Return features of images [objects, views, H, W, 3]."""
         flat = images.reshape(-1, *images.shape[2:])
         grey = np.repeat(greyscale(flat)[..., None], 3, axis=-1)
+        colours = (view_features(self.views, part) for part in (flat, grey))
         alexnet = self.alexnet.encode(flat).features.numpy()
-        if self.dtype == torch.float32:  # the very functions that a run uses
-            colours = (view_features(self.views, part) for part in (flat, grey))
-            outputs = (*colours, alexnet, judge(self.judge, flat))
-        else:
-            outputs = (self._views(flat), self._views(grey), alexnet, self._judge(flat))
+        outputs = (*colours, alexnet, judge(self.judge, flat))
         return Outputs(*(values.reshape(*images.shape[:2], -1) for values in outputs))
-
-    @torch.inference_mode()
-    def _views(self, images: NDArray[np.uint8]) -> NDArray[np.floating]:
-        parts = torch.from_numpy(images).permute(0, 3, 1, 2).split(BATCH)
-        features = [
-            self.views.body(1 - part.to(self.dtype) / 255).mean(dim=(2, 3)) for part in parts
-        ]
-        return torch.cat(features).numpy()
-
-    @torch.inference_mode()
-    def _judge(self, images: NDArray[np.uint8]) -> NDArray[np.floating]:
-        parts = torch.from_numpy(greyscale(images)).split(BATCH)
-        return torch.cat([self.judge(1 - p[:, None].to(self.dtype) / 255) for p in parts]).numpy()
 
 
 def cells(

@@ -1,8 +1,8 @@
 """The spread of trainings of one network that differ in their seeds alone.
 
     bench run --suite chair-robustness --methods pc2pix,pc2pix@1.safetensors,pc2pix@2.safetensors
-    bench table DIR --format csv > results/docs/seeds.csv
-    python -m studies.seed_spread results/docs/seeds.csv \
+    bench table DIR --format csv > values.csv
+    python -m studies.seed_spread values.csv \
         pc2pix=pc2pix@1.safetensors,pc2pix@2.safetensors > results/seeds.csv
 
 The first argument is a file, each further one a bundled network and the other trainings of it.

@@ -16,7 +16,7 @@ DATA = {
     *(".css", ".jinja", ".js", ".vert", ".frag"),
 }
 NOT_INSTALLED = ("docs", "results/docs", "tests", "studies", "examples")
-FOR_READERS = {"results/claims.md", "results/noise-floor.md"}
+FOR_READERS = {"results/claims.md"}
 MAIN = "import sys; from bench.cli import main; main()"
 
 

@@ -75,7 +75,7 @@ class MeshLab:
     def close_holes(self, max_edges: int) -> None:
         """Fill holes of fewer than `max_edges` edges, avoiding triangles that intersect others.
 
-        A rounding error may decide about that: see `docs/noise-floor.md`.
+        A rounding error may decide about that.
         """
         self._apply(
             "meshing_close_holes",

@@ -1,7 +1,7 @@
 """Tolerances of golden values on another machine, with their reasons: the error budget.
 
 On one machine a run repeats to the last digit; these leave room for other GL drivers and other
-processors. `studies.noise_floor` measures the effects, and `docs/noise-floor.md` has them:
+processors. `python -m studies.noise_floor` measures the effects:
 
 * Another driver samples edges elsewhere. Cells may move by three times the largest effect, or more,
   of a turn of every view by 0.1 degree and of two ray-casters with other patterns of samples. Of

@@ -60,7 +60,7 @@ class _CheckOptions:
         "results/golden, replace those of the suite. Default: compare.",
         "tolerance": OptionSpec(
             "How far a value of an object may move from that in --golden, comma-separated. "
-            "Default: by docs/noise-floor.md.",
+            "Default: by docs/maintaining.md.",
             metavar="METRIC=X",
         ),
         "strict": "Compare objects to the last digit in another environment, too. Default: with "

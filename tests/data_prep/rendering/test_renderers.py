@@ -24,7 +24,7 @@ from data_prep.rendering.opengl import FAR, NEAR, SHEET_VIEWS, gl_renderer, rend
 from data_prep.rendering.raycast import cast, surface_maps
 from data_prep.scene import Mesh, View
 from data_prep.shapes.chair.chairs import chair
-from studies.noise_floor import MIRRORED, grid
+from studies.noise_floor import MIRRORED
 
 pytestmark = pytest.mark.opengl
 BOTH = pytest.mark.parametrize("draw", [render, cast])
@@ -39,6 +39,12 @@ LEVEL = 0.5 + 0.02
 # The four samples of a pixel lie within its square, whose corners are sqrt(0.5) = 0.707 from its
 # centre; the rasteriser snaps vertices to 1/256 pixel. What is farther from an edge is not touched.
 CLEAR_PX = 0.72
+
+
+def grid(side: int) -> tuple[tuple[float, float], ...]:
+    """Return the centres (column, row) of side x side equal squares in a pixel."""
+    places = [(i + 0.5) / side for i in range(side)]
+    return tuple((column, row) for row in places for column in places)
 
 
 def colored(vertices, faces, color=COLOUR) -> Mesh:
