@@ -12,8 +12,7 @@ The file is what `bench table DIR --format csv` prints, or one of the files of a
 `metric:ssim,lpips*condition:2048,512`, and then all their combinations; further `field=value`
 choose among the lines; `intervals=no` leaves intervals out, and `show=paper` shows another field as
 it is. Values have the digits of the tables of runs (`bench.analysis.digits`); one with fewer than
-its metric has is marked. Conditions stand in words, "512 of 2,048 points". A method on the frontier
-and one worse than a white image are called so.
+its metric has is marked. Conditions stand in words, "512 of 2,048 points".
 
 `marks=a-pc2pix.csv,a-splat-net@chair.csv` puts "better", "worse" or "not decided" beside values:
 what the comparison of a row's method in those files says, after Holm's correction, at the same
@@ -75,7 +74,6 @@ VERDICTS: Mapping[str, str] = {
     "tie": "not decided",
     "unknown": "not decided",
 }
-FRONTIER = {"frontier": "frontier", "below a white image": "below white"}
 _PLACE = re.compile(
     re.escape(BEGIN) + r"(?P<asked>[^>]*?)-->\n(?P<table>.*?)" + re.escape(END), re.S
 )
@@ -261,7 +259,6 @@ def _cell(line: Line, shown: str, intervals: bool) -> str:
         return "-"
     digits = decimals(metric, method)
     text = MOVED * is_coarse(metric, method) + _short(line["value"], digits)
-    text = f"{FRONTIER.get(line.get('verdict') or '', '')} {text}".strip()
     if intervals and line["ci_low"]:
         low, high = (_short(line[end], digits) for end in ("ci_low", "ci_high"))
         text += f" [{low}, {high}]"

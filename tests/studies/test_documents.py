@@ -13,11 +13,6 @@ splat,512,chair,ssim,0.7,,
 splat,2048,chair,fd-views,12.34,11,13.06
 splat,512,chair,fd-views,,,
 """
-FRONTIER = """\
-method,metric,value,ci_low,ci_high,verdict
-splat,ssim,0.6,0.5,0.7,below a white image
-pc2pix,ssim,0.8,0.7,0.9,frontier
-"""
 VERDICTS = """\
 metric,condition,class,method_b,ahead
 ssim,2048,all,splat,b
@@ -36,7 +31,6 @@ alpha-wrap,2048,63.011
 def numbers(tmp_path):
     (tmp_path / "costs.csv").write_text(COSTS)
     (tmp_path / "values.csv").write_text(VALUES)
-    (tmp_path / "frontier.csv").write_text(FRONTIER)
     (tmp_path / "verdicts.csv").write_text(VERDICTS)
     (tmp_path / "opposite.csv").write_text(VERDICTS.replace(",b\n", ",a\n"))
     return tmp_path
