@@ -52,7 +52,7 @@ def _read_only(values: ArrayLike, dtype: type, columns: int, name: str) -> NDArr
 
 @dataclass(frozen=True, eq=False)
 class Mesh:
-    """A shape without texture: flat face colours, nothing else.
+    """A shape with flat face colours.
 
     A mesh without faces is a legal value; functions that cannot use it say so.
 
@@ -96,7 +96,7 @@ def in_one_colour(mesh: Mesh, color: tuple[int, int, int]) -> Mesh:
 
 @dataclass(frozen=True)
 class View:
-    """A camera position by the conventions of this module.
+    """A camera position, in degrees.
 
     Attributes
     ----------
@@ -164,7 +164,7 @@ class PointCloud:
 
 
 class Renderer(Protocol):
-    """The interface of every method of the benchmark: two functions, timed apart.
+    """The interface of every method: two functions, timed apart.
 
     `prepare` runs once per cloud, `draw` once per set of views. Both get their randomness as an
     argument; a deterministic method ignores it. A method that cannot go on raises

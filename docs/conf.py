@@ -21,6 +21,7 @@ html_title = "pc2pix-bench"
 html_show_copyright = False
 highlight_language = "none"  # commands and what they print; Python is said to be Python
 myst_heading_anchors = 3
+OUTSIDE = {"maintaining"}  # of the navigation, which is for users
 suppress_warnings = ["myst.header"]  # pages begin at the level that their place in a page has
 
 
@@ -35,6 +36,8 @@ def add_navigation(app: Any, page: str, source: list[str]) -> None:
     if page == "index":
         head, *sections = re.split(r"^(?=## )", source[0], flags=re.MULTILINE)
         source[0] = head + "".join(section + contents(section) for section in sections)
+    elif page in OUTSIDE:
+        source[0] = f"---\norphan: true\n---\n\n{source[0]}"
 
 
 def contents(section: str) -> str:

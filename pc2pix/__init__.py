@@ -23,7 +23,7 @@ def load(
     device: str = "cpu",
     precision: Precision = "float32",
 ) -> Pc2pixRenderer:
-    """Return a renderer with `prepare(cloud)` and `draw(state, views)`, from trained weights.
+    """Return a renderer with trained weights.
 
     PyTorch is imported here, not with the package.
 

@@ -49,7 +49,7 @@ class _NormConv1d(nn.Module):
 
 
 class Encoder(nn.Module):
-    """The paper's encoder: wide dilated 1-D convolutions with skip connections.
+    """The paper's encoder from a cloud to a code.
 
     The convolutions run along the *order* of the points: shuffling the rows of a cloud changes its
     code, as in the original.
@@ -163,7 +163,7 @@ def decorrelated(encoder: Encoder | PointNet, codes: Tensor) -> Encoder | PointN
 
 
 class Decoder(nn.Module):
-    """The decoder from a code to a cloud: three hidden dense layers and tanh.
+    """The decoder from a code to a cloud.
 
     It is used only to train the encoder, and to see what codes mean.
     """

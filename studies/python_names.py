@@ -11,14 +11,14 @@ from __future__ import annotations
 import inspect
 import re
 import textwrap
+from dataclasses import is_dataclass
 from pathlib import Path
 from pkgutil import resolve_name
 from typing import Any
 
 from data_prep.files.atomic_write import write_whole
 
-REPOSITORY = Path(__file__).parents[1]
-PAGE = REPOSITORY / "docs" / "api.md"
+PAGE = Path(__file__).parents[1] / "docs" / "api.md"
 ENTRY = re.compile(r"^### `([\w.]+)`\n(?:(?!#).*\n)*", re.MULTILINE)
 WIDTH = 90
 _KEPT_SPACE = "\0"
@@ -39,11 +39,20 @@ def _unquoted(annotation: Any) -> Any:
     return _Unquoted(annotation) if isinstance(annotation, str) else annotation
 
 
+def _short(default: Any) -> Any:
+    """Return a default, without the fields of an object that is made without arguments."""
+    try:
+        made_anew = is_dataclass(default) and default == type(default)()
+    except TypeError:
+        return default
+    return _Unquoted(f"{type(default).__name__}()") if made_anew else default
+
+
 def call(name: str, function: Any, is_class: bool = False) -> str:
     """Return a name with its parameters, wrapped; of a class without what it returns."""
     signature = inspect.signature(function)
     parameters = [
-        p.replace(annotation=_unquoted(p.annotation))
+        p.replace(annotation=_unquoted(p.annotation), default=_short(p.default))
         for p in signature.parameters.values()
         if p.name != "self"
     ]
@@ -70,14 +79,13 @@ def _class_lines(name: str, cls: type) -> list[str]:
 
 
 def entry(path: str) -> str:
-    """Return the section of one public name: heading, signature, sentence and source file."""
+    """Return the section of one public name: heading, signature and sentence."""
     thing = resolve_name(path)
     name = path.rpartition(".")[2]
     lines = _class_lines(name, thing) if inspect.isclass(thing) else [call(name, thing)]
     sentence = (inspect.getdoc(thing) or "").splitlines()[0]
-    source = Path(inspect.getfile(thing)).relative_to(REPOSITORY)
     code = "\n".join(["```python", *lines, "```"])
-    return f"### `{path}`\n\n{code}\n\n{sentence} ([source](../{source}))\n\n"
+    return f"### `{path}`\n\n{code}\n\n{sentence}\n\n"
 
 
 def filled(text: str) -> str:

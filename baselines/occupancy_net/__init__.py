@@ -16,7 +16,7 @@ __all__ = ["load"]
 
 
 def load(name_or_path: str | Path = "all", *, device: str = "cpu") -> OccupancyNetRenderer:
-    """Return a renderer with `prepare(cloud)` and `draw(state, views)`, from trained weights.
+    """Return a renderer with trained weights.
 
     Parameters
     ----------

@@ -23,7 +23,7 @@ def load(
     precision: Precision = "float32",
     size: int = 128,
 ) -> SplatNetRenderer:
-    """Return a renderer with `prepare(cloud)` and `draw(state, views)`, from trained weights.
+    """Return a renderer with trained weights.
 
     Parameters
     ----------

@@ -57,7 +57,7 @@ class ImageMetric:
 
 @dataclass(frozen=True)
 class SetMetric:
-    """Distances between sets of images, Fréchet and kernel, by the features of a network.
+    """Distances between sets of images by the features of a network.
 
     features  of images uint8 [V, H, W, 3]: real numbers [V, d], finite; d is the same for all
               images, and the features of an image depend on no other. Raises WeightsUnavailable

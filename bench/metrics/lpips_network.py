@@ -224,7 +224,7 @@ def lpips(
     single: bool = False,
     device: str = "cpu",
 ) -> NDArray[np.float64]:
-    """Return LPIPS v0.1, or ST-LPIPS, of two images, or of pairs; lower is better.
+    """Return LPIPS, or ST-LPIPS, of two images, or of pairs; lower is better.
 
     Parameters
     ----------

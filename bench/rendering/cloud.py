@@ -49,7 +49,7 @@ Notes = tuple[str, ...]  # a line for each part of a file that is left out
 
 @dataclass(frozen=True)
 class CloudFile:
-    """A file with points, and the way in which they become a cloud.
+    """A file with points, and how they become a cloud.
 
     Attributes
     ----------
@@ -309,7 +309,7 @@ def find_drawer(method_id: str) -> Method:
 
 
 def draw_file(file: CloudFile, drawing: Drawing, limits: Limits = LIMITS) -> UInt8Images | Failed:
-    """Return images of the cloud in a file, drawn in a worker process, one file at a time.
+    """Return images of the cloud in a file, drawn in a worker process.
 
     Parameters
     ----------
@@ -358,7 +358,7 @@ def draw_each(
 def draw_cloud(
     cloud: PointCloud, drawing: Drawing, colors: PointColors | None = None
 ) -> UInt8Images | Failed:
-    """Return images of a cloud, drawn in this process for any thread.
+    """Return images of a cloud, drawn in this process.
 
     Parameters
     ----------

@@ -46,7 +46,7 @@ _SPELT = {  # what a note on a file names, in Python
 
 @dataclass(frozen=True, eq=False)
 class SurfaceMaps:
-    """The surface that a method has made of a cloud, in an image.
+    """The surface that a method has made, in an image.
 
     Attributes
     ----------
@@ -279,7 +279,7 @@ def draw_cloud(
     return_maps: bool = False,
     **options: Any,
 ) -> Any:
-    """Return an image of points in any units and anywhere, as `bench render` draws it.
+    """Return an image of points in any units, as `bench render` draws it.
 
     The method runs in this process, where a native library may crash or hang; the default is a
     network. Its weights are read once a process. Any thread may call this; draws are done one after
@@ -333,7 +333,7 @@ def turntable(
     elevation_deg: float = 20.0,
     **options: Any,
 ) -> NDArray[np.uint8]:
-    """Return images of points from all around, in equal steps; the cloud is prepared once.
+    """Return images of points from all around, in equal steps.
 
     Parameters
     ----------

@@ -148,7 +148,7 @@ def check_cloud_name(path: Path) -> None:
 
 
 def save_ply(points: Points, path: Path) -> None:
-    """Write points as binary PLY, bit for bit, whole or not at all.
+    """Write points as binary PLY, whole or not at all.
 
     Parameters
     ----------
