@@ -3,8 +3,8 @@
 The mean over classes is the paper's AVERAGE: every class counts alike, however many objects.
 Classes are fixed, and objects are drawn within them. A `StandardError` gives both the interval and
 the p value of an estimate, so that 0 is outside the interval of 1 - alpha exactly where the p value
-is below alpha. Below FEWEST objects there is neither: `docs/protocol.md` has the rates at which
-intervals miss the true value.
+is below alpha. Below FEWEST objects there is neither.
+`tests/bench/analysis/test_intervals.py` has the rates at which they hold the true value.
 """
 
 from __future__ import annotations

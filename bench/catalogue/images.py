@@ -116,7 +116,7 @@ def _checked_claims(stated: Mapping[str, Any], where: str) -> Claims:
         if key in stated:
             values[key] = _checked(key, stated[key], field.type == "float", where)
         elif field.default is MISSING:
-            raise BadInput(f"{where}: no key {key}; add it, as docs/entering.md shows")
+            raise BadInput(f"{where}: no key {key}; add it, as docs/extending.md shows")
     if not is_id(values["name"]):
         raise BadInput(
             f"{where}: name {shown(values['name'])} is not kebab-case (a-z, 0-9 and single "
@@ -257,7 +257,7 @@ class ImageTree:
         if not count:
             raise BadInput(
                 f"{self.root}: no image for this run: nothing at CONDITION/CLASS/OBJECT/VIEW.png "
-                f"under {', '.join(conditions)}; write them there, as docs/entering.md shows"
+                f"under {', '.join(conditions)}; write them there, as docs/extending.md shows"
             )
 
     def _difference(self, objects: Iterable[ExportedObject]) -> str:

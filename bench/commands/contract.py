@@ -94,7 +94,7 @@ def add(
             metavar="METHOD",
             help="A method, or several, comma-separated: as --methods of 'bench run' takes them; "
             "MODULE:NAME of a module in the current folder, too, which alone executes files of it; "
-            "images:TREE of one that drew an export elsewhere, see docs/entering.md.",
+            "images:TREE of one that drew an export elsewhere, see docs/extending.md.",
         ),
     ],
     directory: RunDirectory,

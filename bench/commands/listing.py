@@ -189,7 +189,7 @@ def _methods(costs: Mapping[str, MeasuredMethod]) -> _Section:
         "* to choose from, see 'bench list'",
         f"'{BEST_CLASSICAL}' is one of {', '.join(chosen)}, by metric and condition",
         f"{IMAGES}TREE: a method that was run elsewhere, by its images of an export "
-        "(docs/entering.md)",
+        "(docs/extending.md)",
         f"{_ONE_VIEW}; ~: as another of its family, of the same size",
     )
     heads = ("", "trained on", "colour", "one view", "")

@@ -246,7 +246,7 @@ RUN_OPTIONS: dict[str, str | OptionSpec] = {  # of `bench.running.protocol.Optio
         convert=lambda value: value and str(value),
     ),
     "methods": "Methods, comma-separated; blank is always measured. images:TREE is one that was "
-    "run elsewhere, see docs/entering.md. Default: the suite's.",
+    "run elsewhere, see docs/extending.md. Default: the suite's.",
     "conditions": "Conditions, comma-separated. Default: the suite's.",
     "metrics": "Further metrics, comma-separated, as for 'bench score'. Default: none.",
     "limit": "Objects of each class at most. Default: all of a folder; of procedural shapes the "

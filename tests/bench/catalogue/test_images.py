@@ -209,8 +209,8 @@ def time_of(number):
 @pytest.mark.parametrize(
     ("text", "expected"),
     [
-        (toml_of(name=None), "no key name; add it, as docs/entering.md shows"),
-        (toml_of(export=None), "no key export; add it, as docs/entering.md shows"),
+        (toml_of(name=None), "no key name; add it, as docs/extending.md shows"),
+        (toml_of(export=None), "no key export; add it, as docs/extending.md shows"),
         (toml_of(speed=1), f"unknown key 'speed'; the keys are {KEYS}"),
         (toml_of(name="Neural_Points"), "name 'Neural_Points' is not kebab-case (a-z, 0-9 and sin"),
         (

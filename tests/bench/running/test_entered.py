@@ -267,10 +267,11 @@ def test_images_of_some_conditions_join_a_run(no_machine, exported, tree, comman
 
 def commands_of_page() -> list[list[str]]:
     """Return the commands of the section with the walk, in words."""
-    text = (REPOSITORY / "docs" / "entering.md").read_text()
-    section = text.partition("## From an export to a row")[2].partition("\n## ")[0]
-    blocks = re.findall(r"^```\n(.*?)^```", section, re.MULTILINE | re.DOTALL)
-    lines = re.sub(r" *\\\n *", " ", "".join(blocks)).splitlines()
+    text = (REPOSITORY / "docs" / "extending.md").read_text()
+    section = text.partition("## A method that runs elsewhere\n")[2].partition("\n## ")[0]
+    blocks = re.findall(r"^```(\w*)\n(.*?)^```", section, re.MULTILINE | re.DOTALL)
+    text = "".join(block for kind, block in blocks if not kind)
+    lines = re.sub(r" *\\\n *", " ", text).splitlines()
     return [shlex.split(line) for line in lines]
 
 
