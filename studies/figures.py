@@ -1,8 +1,10 @@
-"""The figures of the result pages, drawn from `results/docs` as those of a run are.
+"""The images of the pages: figures of the numbers in `results/docs`, and sheets of objects.
 
-    python -m studies.figures [NAME ...] [-o docs] [--format png]
+    python -m studies.figures [NAME ...] [--meshes PATH] [-o docs]
 
-All are 800 pixels wide, and better is up or to the right.
+Figures are drawn as those of a run are; better is up or to the right. Sheets show what methods draw
+of objects, `answer` and `real-objects` of real meshes in the folder PATH (`bench data verify` knows
+it), and without it they are left out. All images are 800 pixels wide, and readable at half of that.
 """
 
 from __future__ import annotations
@@ -21,16 +23,20 @@ from bench.analysis.paper import AVERAGE
 from bench.catalogue.chosen import CHOSEN, cost_of, measured_methods
 from bench.catalogue.methods import FLOOR, role
 from bench.catalogue.metrics import higher_is_better
-from bench.report.figure import TEXT, save
+from bench.report.figure import save
 from bench.report.plots import axis_title, dots_figure, frontier_figure
 from bench.report.run_figures import family_figure, family_panels, quality_figure, quality_panel
 from bench.report.styles import method_styles
 from studies.documents import NUMBERS
+from studies.sheets import ANSWER, REAL, draw_objects, draw_path
 
 if TYPE_CHECKING:
     from matplotlib.figure import Figure
 
-METRICS = ("ssim-object", "lpips")
+DPI = 220
+_WIDTH_IN = 800 / DPI
+_SMALL = 6.0  # points, of text
+METRIC, OTHER_METRIC = "lpips", "ssim-object"
 CONDITIONS = ("2048", "1024", "512", "noise-0.05", "noise-0.10")
 
 
@@ -49,13 +55,14 @@ def read(file: str, methods: Sequence[str] = (), **wanted: object) -> pd.DataFra
 def _draw_conditions(file: str, methods: Sequence[str]) -> Figure:
     """Draw two metrics against the conditions, with a gap between points and noise."""
     shown = []
-    for metric in METRICS:
+    for metric in (METRIC, OTHER_METRIC):
         rows = read(file, methods, metric=metric)
         rows = rows[(rows["class"] == "chair") & rows["condition"].isin(CONDITIONS)]
         rows = rows.sort_values("condition", key=lambda c: c.map(CONDITIONS.index), kind="stable")
         rows = rows.sort_values("place", kind="stable")
         shown.append(quality_panel(metric, rows.assign(hollow=False), by_class=False))
-    return quality_figure(shown, method_styles(methods), panel_in=3.0)
+    size = {"columns": 1, "width_in": _WIDTH_IN, "panel_in": 1.9, "fontsize": _SMALL}
+    return quality_figure(shown, method_styles(methods), **size)
 
 
 def _draw_classes(file: str, methods: Sequence[str]) -> Figure:
@@ -63,16 +70,15 @@ def _draw_classes(file: str, methods: Sequence[str]) -> Figure:
 
     `file` has their comparisons. A hollow point is not decided.
     """
-    dots = pd.concat(
-        read(file, methods, metric=metric, condition="2048").assign(
-            panel=axis_title(metric), turned=not higher_is_better(metric)
-        )
-        for metric in METRICS
-    )
+    dots = read(file, methods, metric=METRIC, condition="2048")
     hollow = ~dots["ahead"].isin(["a", "b"])
-    dots = dots.assign(row=dots["class"], value=dots["difference"], hollow=hollow)
-    figure = dots_figure(dots, method_styles(methods), zero=True)
-    figure.supxlabel("difference to the best classical method", fontsize=TEXT)
+    dots = dots.assign(
+        panel=axis_title(METRIC), row=dots["class"], value=dots["difference"], hollow=hollow,
+        turned=not higher_is_better(METRIC),
+    )  # fmt: skip
+    size = {"width_in": _WIDTH_IN, "fontsize": _SMALL}
+    figure = dots_figure(dots, method_styles(methods), zero=True, **size)
+    figure.supxlabel("difference to the best classical method", fontsize=_SMALL)
     return figure
 
 
@@ -81,12 +87,12 @@ def _draw_paper_classes(file: str, metric: str, methods: Sequence[str]) -> Figur
     ours, paper = read(file, methods, metric=metric), read(file, methods, metric="fid")
     dots = pd.concat(
         (
-            ours.assign(panel=f"here: {axis_title(metric)}"),
-            paper.assign(panel="the paper, on ShapeNet: FID", value=paper["paper"]),
+            ours.assign(panel=f"here: {metric}"),
+            paper.assign(panel="the paper: FID", value=paper["paper"]),
         )
     )
     dots = dots.drop(columns=["low", "high"]).assign(row=dots["class"], turned=True)
-    return dots_figure(dots, method_styles(methods))
+    return dots_figure(dots, method_styles(methods), width_in=_WIDTH_IN, fontsize=_SMALL)
 
 
 def _draw_costs() -> Figure:
@@ -107,46 +113,64 @@ def _draw_costs() -> Figure:
     frame = pd.concat(panels)
     names = list(dict.fromkeys(frame["method"]))
     label = "milliseconds for one view of a new cloud"
-    return frontier_figure(frame, method_styles(names), label, named=names)
+    size = {"columns": 1, "width_in": _WIDTH_IN, "panel_in": 2.4, "fontsize": _SMALL}
+    return frontier_figure(frame, method_styles(names), label, named=names, **size)
 
 
 def _draw_families(file: str, methods: Sequence[str]) -> Figure:
-    """Draw metrics along each family of conditions, worse clouds to the right."""
-    values = pd.concat(read(file, methods, metric=metric) for metric in METRICS)
+    """Draw a metric along each family of conditions, worse clouds to the right."""
+    values = read(file, methods, metric=METRIC)
     curves = condition_curves(values.rename(columns={"low": "ci_low", "high": "ci_high"}))
-    return family_figure(family_panels(curves), method_styles(methods))
+    size = {"columns": 2, "width_in": _WIDTH_IN, "panel_in": 1.5, "fontsize": _SMALL}
+    return family_figure(family_panels(curves), method_styles(methods), **size)
 
 
 CHAIR = "splat-net@chair"
 OTHERS = ("best-classical", "pc2pix", "surface-apss", FLOOR)
-KNOWN = (CHAIR, "splat-net", "fused-net", *OTHERS)
-REAL = ("fused-net@grey", "splat-net@grey")
-_BEYOND = (CHAIR, "pc2pix", "surface-apss", FLOOR)
 FIGURES: Mapping[str, Callable[[], Figure]] = {
-    "known-chairs": partial(_draw_conditions, "sealed.csv", KNOWN),
-    "novel-families-curves": partial(_draw_conditions, "novel-families.csv", (CHAIR, *OTHERS)),
-    "real-chairs-curves": partial(
-        _draw_conditions, "real-meshes-grey.csv", (*REAL, "occupancy-net", *OTHERS)
+    "known-chairs": partial(_draw_conditions, "sealed.csv", (CHAIR, "fused-net", *OTHERS)),
+    "real-meshes": partial(
+        _draw_classes, "real-meshes-grey-differences.csv", ("fused-net@grey", "splat-net@grey")
     ),
-    "real-meshes": partial(_draw_classes, "real-meshes-grey-differences.csv", REAL),
-    "thirteen-classes": partial(_draw_classes, "thirteen-classes-differences.csv", REAL),
     "table5": partial(
         _draw_paper_classes, "thirteen-classes.csv", "fd-views", ("surface-apss", "pc2pix@all")
     ),
-    "beyond": partial(_draw_families, "beyond-networks.csv", _BEYOND),
+    "beyond": partial(_draw_families, "beyond-networks.csv", (CHAIR, *OTHERS)),
     "trade": _draw_costs,
+}
+_LATENT = {"latent": partial(draw_path, "pc2pix", 6, _WIDTH_IN)}
+# By name the classes and the methods of a sheet.
+_OF_MESHES = {
+    "answer": (("bench", "chair"), ANSWER),
+    "real-objects": (("airplane", "cabinet", "chair", "lamp", "table"), REAL),
 }
 
 
+def drawings(meshes: Path | None) -> dict[str, Callable[[], Figure]]:
+    """Return what draws each image; without a folder of real meshes there are none of these."""
+    of_meshes = {
+        name: partial(draw_objects, meshes, *asked, _WIDTH_IN)
+        for name, asked in _OF_MESHES.items()
+        if meshes
+    }
+    return {**FIGURES, **_LATENT, **of_meshes}
+
+
 def main() -> None:
-    """Draw all figures, or those that are named."""
-    parser = argparse.ArgumentParser(description="Figures of the result pages.")
-    parser.add_argument("names", nargs="*", choices=[[], *FIGURES], metavar="NAME")
+    """Draw all images, or those that are named."""
+    parser = argparse.ArgumentParser(description="Images of the pages.")
+    parser.add_argument("names", nargs="*", metavar="NAME")
+    parser.add_argument("--meshes", type=Path, help="the folder of real meshes")
     parser.add_argument("-o", "--out", type=Path, default=Path("docs"))
-    parser.add_argument("--format", choices=["png", "svg", "pdf"], default="png")
     options = parser.parse_args()
-    for name in options.names or FIGURES:
-        save(FIGURES[name](), options.out / f"{name}.{options.format}")
+    draw = drawings(options.meshes)
+    if gone := [name for name in options.names if name not in draw]:
+        parser.error(
+            f"{gone[0]}: no image; there are {', '.join(draw)}, and with --meshes PATH "
+            f"{', '.join(_OF_MESHES)}"
+        )
+    for name in options.names or draw:
+        save(draw[name](), options.out / f"{name}.png", dpi=DPI)
 
 
 if __name__ == "__main__":

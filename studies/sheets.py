@@ -1,117 +1,69 @@
-"""The sheets of pictures in the documentation: the truth, clouds and what methods draw of them.
-
-    python -m studies.sheets answer --meshes FOLDER [-o docs/answer.png]
-    python -m studies.sheets real-objects --meshes FOLDER [-o docs/real-objects.png]
-    python -m studies.sheets thin-parts [-o docs/thin-parts.png]
-
-FOLDER holds real meshes in a sub-folder for each class (`bench run --dataset folder:FOLDER`).
-
-answer        the image of README: the first procedural test chair and the first mesh of `bench`.
-real-objects  the first meshes of ten of the 13 classes, in the order of the folder, truth in grey.
-thin-parts    of the first eight procedural test chairs those two with the most thin parts in the
-              view, cut out around the object.
-"""
+"""The sheets of images of the documentation: the truth, clouds, and what methods draw of them."""
 
 from __future__ import annotations
 
-import argparse
 from collections.abc import Iterator, Sequence
 from pathlib import Path
+from typing import TYPE_CHECKING
 
-import numpy as np
-
+from bench.catalogue.chosen import BEST_CLASSICAL, CHOSEN
 from bench.catalogue.lookup import find
-from bench.catalogue.methods import RECOMMENDED
-from bench.metrics.thin_parts import evaluated
-from bench.report.figure import save
-from bench.report.sheets import THIN_OF, image_sheet, thin_cut
+from bench.judges import VIEWS_WEIGHTS
+from bench.judges.views import load_views_network
+from bench.report.figure import Image
+from bench.report.sheets import image_sheet
 from bench.running.work import load_renderer
+from bench.suites.latent.chairs import choose_pairs, specified_chairs
+from bench.suites.latent.codes import load_network, strips_figure, walk
 from data_prep.clouds.conditions import CONDITIONS
 from data_prep.datasets.objects import GreyObject, SceneObject
 from data_prep.datasets.registry import open_dataset
 from data_prep.randomness import generator
 from data_prep.rendering.dots import draw_dots
-from data_prep.scene import PointCloud, Renderer, UInt8Images, View
-from data_prep.shapes.catalogue import CLASSES
+from data_prep.scene import View
 from studies.images import draw_all
 
-_CONDITION_TITLES = {"2048": "2,048 points", "noise-0.10": "noise 10 %"}
+if TYPE_CHECKING:
+    from matplotlib.figure import Figure
+
+SMALL = 6.5  # points, of text
 VIEW = View(azimuth_deg=30, elevation_deg=20)
-
-METHODS = {
-    "answer": ("denoised-wrap", "pc2pix", RECOMMENDED),
-    "real-objects": ("denoised-wrap", "occupancy-net", "splat-net@grey", "fused-net@grey"),
-    "thin-parts": ("denoised-wrap", "pc2pix", "splat-net@chair"),
-}
-DPI = 220
-ROWS, THIN_ROWS = 10, 2
+METRIC = "lpips"  # by which the best classical method is the best
+_CONDITION_TITLES = {"2048": "clean", "noise-0.10": "noise 10 %"}
+_NETWORKS = ("fused-net@grey", "splat-net@grey")
+ANSWER = (*_NETWORKS, BEST_CLASSICAL, "pc2pix")
+REAL = (*_NETWORKS, "occupancy-net", BEST_CLASSICAL)
 
 
-def clouds(shape: SceneObject, of_sheet: str) -> Iterator[PointCloud]:
-    """Yield the cloud of an object under each of _CONDITION_TITLES."""
-    sampled = shape.cloud(generator(of_sheet, shape.object_id))
-    for condition in _CONDITION_TITLES:
-        perturbation = find(condition, CONDITIONS, "condition").perturbation
-        yield perturbation.apply(sampled, generator(of_sheet, condition, shape.object_id))
-
-
-def row(shape: SceneObject, renderers: Sequence[Renderer]) -> Iterator[UInt8Images]:
-    """Yield the true image, then for each condition the cloud and what the methods draw of it."""
-    yield shape.truth([VIEW])[0]
-    for cloud in clouds(shape, "readme"):
-        yield draw_dots(cloud.points, [VIEW])[0]
-        for renderer in renderers:
-            yield draw_all(renderer, [cloud], [[VIEW]])[0, 0]
-
-
-def _thin_row(shape: SceneObject, renderers: Sequence[Renderer]) -> Iterator[UInt8Images]:
-    """Yield the true image, its thin parts and what methods draw, cut out around the object."""
-    (truth,) = shape.truth([VIEW])
-    cut, tinted = thin_cut(truth, evaluated(truth[None])[0])
-    yield from (truth[cut], tinted[cut])
-    for cloud in clouds(shape, "thin parts"):
-        for renderer in renderers:
-            yield draw_all(renderer, [cloud], [[VIEW]])[0, 0][cut]
-
-
-def objects(sheet: str, meshes: str | None) -> list[tuple[str, SceneObject]]:
-    """Return the objects of a sheet, each with the name of its row."""
-    procedural = open_dataset("procedural")
-    if sheet == "thin-parts":
-        chairs = procedural.objects("chair", THIN_OF, 1)
-        counts = [evaluated(np.asarray(chair.truth([VIEW]))).sum() for chair in chairs]
-        return [("chair", chairs[index]) for index in np.argsort(counts)[::-1][:THIN_ROWS]]
+def draw_objects(
+    meshes: Path, classes: Sequence[str], methods: Sequence[str], width_in: float
+) -> Figure:
+    """Draw the first real mesh of each class, clean and under noise, by each method."""
     real = open_dataset(f"folder:{meshes}")
-    if sheet == "answer":
-        (chair,), (bench,) = procedural.objects("chair", 1, 1), real.objects("bench", 1, 1)
-        return [("chair", chair), ("real bench", bench)]
-    known = [class_name for class_name in real.classes if class_name in CLASSES]
-    return [(name, GreyObject(real.objects(name, 1, 1)[0])) for name in known[:ROWS]]
+    rows = [
+        (f"{name}\n{title}", _row(GreyObject(real.objects(name, 1, 1)[0]), condition, methods))
+        for name in classes
+        for condition, title in _CONDITION_TITLES.items()
+    ]
+    titles = ["truth", "cloud", *methods]
+    return image_sheet(titles, rows, width_in=width_in, fontsize=SMALL, interpolation="antialiased")
 
 
-def main() -> None:
-    """Draw a sheet from the command line."""
-    parser = argparse.ArgumentParser(description="The sheets of pictures in the documentation.")
-    parser.add_argument("sheet", choices=METHODS)
-    parser.add_argument("--meshes", help="a folder of real meshes by class")
-    parser.add_argument("-o", "--out", type=Path)
-    options = parser.parse_args()
-    sheet = options.sheet
-    if sheet != "thin-parts" and not options.meshes:
-        parser.error(f"{sheet}: give --meshes FOLDER")
-    renderers = [load_renderer(method, "cpu") for method in METHODS[sheet]]
-    if sheet == "thin-parts":
-        draw, titles = _thin_row, ["truth", "its thin parts"]
-        for title in _CONDITION_TITLES.values():
-            titles += [f"{name}\n{title}" for name in METHODS[sheet]]
-    else:
-        draw, titles = row, ["truth"]
-        for title in _CONDITION_TITLES.values():
-            titles += [f"cloud,\n{title}", *(name.replace("-", "-\n") for name in METHODS[sheet])]
-    rows = [(label, draw(shape, renderers)) for label, shape in objects(sheet, options.meshes)]
-    out = options.out or Path("docs") / f"{sheet}.png"
-    save(image_sheet(titles, rows, interpolation="antialiased"), out, dpi=DPI)
+def _row(shape: SceneObject, condition: str, methods: Sequence[str]) -> Iterator[Image]:
+    perturbation = find(condition, CONDITIONS, "condition").perturbation
+    sampled = shape.cloud(generator("sheet", shape.object_id))
+    cloud = perturbation.apply(sampled, generator("sheet", condition, shape.object_id))
+    yield shape.truth([VIEW])[0]
+    yield draw_dots(cloud.points, [VIEW])[0]
+    for method in methods:
+        known = CHOSEN.get(method)
+        drawer = known.ranking[METRIC, condition][0] if known else method
+        yield draw_all(load_renderer(drawer, "cpu"), [cloud], [[VIEW]])[0, 0]
 
 
-if __name__ == "__main__":
-    main()
+def draw_path(method: str, positions: int, width_in: float) -> Figure:
+    """Draw what a network of codes makes of the path between two test chairs."""
+    (pair,) = choose_pairs(specified_chairs("procedural", 2), generator(0, "latent pairs"))
+    classifier = load_views_network(VIEWS_WEIGHTS)
+    _, strip = walk(load_network(method, "cpu", VIEW), classifier, pair, 0, positions)
+    return strips_figure([strip], VIEW, width_in=width_in, fontsize=SMALL)

@@ -258,6 +258,7 @@ def frontier_figure(
     *,
     columns: int = 2,
     named: Container[str] | None = None,
+    width_in: float = WIDTH_IN,
     panel_in: float = 3.4,
     fontsize: float = TEXT,
 ) -> Figure:
@@ -270,7 +271,7 @@ def frontier_figure(
     x_label   what the costs are
     columns   panels beside each other
     named     methods of the legend, others are small. Default: all but settings of a parameter.
-    panel_in  height of a panel, inches
+    width_in  width of the figure, and `panel_in`, height of a panel, inches
     fontsize  of all text, points
     """
     from matplotlib.backends.backend_agg import FigureCanvasAgg
@@ -278,7 +279,7 @@ def frontier_figure(
     cells = grouped(points, ["metric", "panel"])
     columns = min(columns, len(cells))
     rows = math.ceil(len(cells) / columns)
-    figure, axes = panels(rows, columns, (WIDTH_IN, panel_in * rows), sharex=True)
+    figure, axes = panels(rows, columns, (width_in, panel_in * rows), sharex=True)
     first: dict[str, Any] = {}
     for axis, ((metric, title), of_cell) in zip(axes.flat, cells, strict=False):
         if first.setdefault(metric, axis) is not axis:
@@ -386,7 +387,12 @@ def _label_where_free(
 
 @drawing()
 def dots_figure(
-    values: pd.DataFrame, styles: Styles, *, zero: bool = False, fontsize: float = TEXT
+    values: pd.DataFrame,
+    styles: Styles,
+    *,
+    zero: bool = False,
+    width_in: float = WIDTH_IN,
+    fontsize: float = TEXT,
 ) -> Figure:
     """Return dots with their intervals in rows, a panel beside the other, under one legend.
 
@@ -396,6 +402,7 @@ def dots_figure(
     styles    of every method
     zero      whether values are differences: left of 0 is shaded. Else a line joins the dots of a
               row, and 0 is in sight.
+    width_in  width of the figure, inches
     fontsize  of all text, points
     """
     values = values.assign(**{n: v for n, v in OPTIONAL.items() if n not in values})
@@ -404,7 +411,7 @@ def dots_figure(
     rows |= {name: rows[name] + 0.5 for name in apart}
     methods = ordered(values["method"])
     cells = grouped(values, "panel")
-    size_in = (WIDTH_IN, 0.7 + 0.28 * len(rows))
+    size_in = (width_in, 0.7 + 0.28 * len(rows))
     figure, (axes,) = panels(1, len(cells), size_in, sharey=True)
     for axis, (title, of_cell) in zip(axes, cells, strict=True):
         if not zero:

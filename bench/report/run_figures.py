@@ -176,10 +176,11 @@ def _bands(family: Family, at: Sequence[float]) -> list[tuple[str, float, float]
     return bands
 
 
-def family_figure(shown: Sequence[SweepPanel], styles: Styles) -> Figure:
+def family_figure(shown: Sequence[SweepPanel], styles: Styles, **size: Any) -> Figure:
     """Return metrics along families of conditions: worse clouds to the right."""
     columns = sum(bool(panel.title) for panel in shown)
-    figure = sweep_figure(shown, styles, columns=columns, panel_in=1.9, sharey="row")
+    size = {"columns": columns, "panel_in": 1.9, "sharey": "row"} | size
+    figure = sweep_figure(shown, styles, **size)
     for axis, panel in zip(figure.axes, shown, strict=True):
         at = list(panel.ticks or ())
         pad = 2 * _PAD * (at[-1] - at[0])

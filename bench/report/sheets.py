@@ -49,6 +49,8 @@ def image_sheet(
     captions: Sequence[Sequence[str]] = (),
     note: str = "",
     cell_in: float = math.inf,
+    width_in: float = WIDTH_IN,
+    fontsize: float = TEXT,
     interpolation: str | None = None,
 ) -> Figure:
     """Return images in rows, as large as a page has room for.
@@ -57,16 +59,17 @@ def image_sheet(
     rows           the name of a row and an image [H, W, 3] for each title, or words in its place
     captions       words beneath each image, row by row
     note           below all images
-    cell_in        the most that an image is high, inches
+    cell_in        the most that an image is high, and `width_in`, width of the sheet, inches
+    fontsize       of all text, points
     interpolation  as of `matplotlib.axes.Axes.imshow`
     """
     room_in = CAPTION_IN * bool(captions)
-    widest, high = (WIDTH_IN - LABELS_IN) / len(titles), (MOST_HIGH_IN - TITLES_IN) / len(rows)
+    widest, high = (width_in - LABELS_IN) / len(titles), (MOST_HIGH_IN - TITLES_IN) / len(rows)
     cell_in = min(widest + room_in, high, cell_in)
-    size_in = (WIDTH_IN, cell_in * len(rows) + TITLES_IN * (1 + bool(note)))
+    size_in = (width_in, cell_in * len(rows) + TITLES_IN * (1 + bool(note)))
     figure, axes = panels(len(rows), len(titles), size_in, layout=None)
     for number, (label, images) in enumerate(rows):
-        axes[number, 0].set_ylabel(_wrapped(label), fontsize=TEXT)
+        axes[number, 0].set_ylabel(_wrapped(label), fontsize=fontsize)
         for axis, image in zip(axes[number], images, strict=True):
             axis.set(xticks=[], yticks=[])
             axis.spines[:].set_visible(False)
@@ -75,10 +78,10 @@ def image_sheet(
             else:
                 axis.imshow(image, interpolation=interpolation)
         for axis, caption in zip(axes[number], captions[number] if captions else (), strict=False):
-            axis.set_xlabel(caption, fontsize=TEXT, labelpad=2)
+            axis.set_xlabel(caption, fontsize=fontsize, labelpad=2)
     for axis, title in zip(axes[0], titles, strict=True):
-        axis.set_title(_wrapped(title), fontsize=TEXT)
-    figure.supxlabel(visible(note), fontsize=TEXT)
+        axis.set_title(_wrapped(title), fontsize=fontsize)
+    figure.supxlabel(visible(note), fontsize=fontsize)
     figure.tight_layout(pad=0.3)
     return figure
 

@@ -8,9 +8,8 @@ import numpy as np
 import pytest
 from PIL import Image
 
-from bench.report.figure import DPI
 from studies.documents import REPOSITORY
-from studies.figures import FIGURES
+from studies.figures import DPI, FIGURES
 
 DIFFERENT = 32  # grey levels; smaller differences come from other versions of matplotlib
 SHARE = 0.0005  # of the pixels: a marker that moved changes more

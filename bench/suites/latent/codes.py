@@ -6,7 +6,7 @@ from collections.abc import Iterator, Sequence
 from contextlib import contextmanager
 from dataclasses import dataclass
 from itertools import starmap
-from typing import TYPE_CHECKING, NamedTuple
+from typing import TYPE_CHECKING, Any, NamedTuple
 
 import numpy as np
 import torch
@@ -55,10 +55,10 @@ class _StripTile(NamedTuple):
 _Strip = tuple[str, Sequence[_StripTile]]  # the label and the tiles of one path or sum
 
 
-def strips_figure(strips: Sequence[_Strip], view: View) -> Figure:
+def strips_figure(strips: Sequence[_Strip], view: View, **size: Any) -> Figure:
     """Return rows of clouds, images, and true images if any, for each strip.
 
-    All strips have the titles of the first.
+    All strips have the titles of the first; `size` is as of `image_sheet`.
     """
     rows = []
     for label, tiles in strips:
@@ -69,7 +69,7 @@ def strips_figure(strips: Sequence[_Strip], view: View) -> Figure:
             true = [none if tile.truth is None else tile.truth for tile in tiles]
             rows.append((f"{label}\ntrue", true))
     titles = [tile.title for tile in strips[0][1]]
-    return image_sheet(titles, rows)
+    return image_sheet(titles, rows, **size)
 
 
 def draw_cloud(cloud: Points, view: View) -> NDArray[np.uint8]:
