@@ -12,7 +12,8 @@ The file is what `bench table DIR --format csv` prints, or one of the files of a
 `metric:ssim,lpips*condition:2048,512`, and then all their combinations; further `field=value`
 choose among the lines; `intervals=no` leaves intervals out, and `show=paper` shows another field as
 it is. Values have the digits of the tables of runs (`bench.analysis.digits`); one with fewer than
-its metric has is marked. Conditions stand in words, "512 of 2,048 points".
+its metric has is marked. Conditions stand in words, "512 of 2,048 points". `best=yes` sets the best
+of each column of values in bold, several where their digits do not tell them apart.
 
 `marks=a-pc2pix.csv,a-splat-net@chair.csv` puts "better", "worse" or "not decided" beside values:
 what the comparison of a row's method in those files says, after Holm's correction, at the same
@@ -48,7 +49,7 @@ from types import MappingProxyType
 from typing import NamedTuple
 
 from bench.analysis.comparison import milliseconds
-from bench.analysis.digits import decimals, is_coarse
+from bench.analysis.digits import decimals, is_coarse, prints_better
 from bench.catalogue.chosen import CHOSEN
 from bench.catalogue.conditions import condition_name
 from bench.catalogue.methods import find_method
@@ -108,6 +109,7 @@ def _table(asked: str, numbers: Path) -> str:
     options = [word.split("=", 1) for word in words]
     chosen = {name: text for name, text in options if name != "column"}
     intervals, shown = chosen.pop("intervals", "yes") == "yes", chosen.pop("show", "")
+    best = chosen.pop("best", "no") == "yes"
     marks, *pairs = chosen.pop("marks", "").split(";")
     marked = dict(pair.split(":", 1) for pair in pairs)
     rows = _combinations(chosen.pop("rows"))
@@ -123,7 +125,7 @@ def _table(asked: str, numbers: Path) -> str:
         )
         for column in _combinations(chosen.pop("columns"))
     ]
-    cells = [_cells(column, rows, intervals, numbers) for column in columns]
+    cells = [_cells(column, rows, intervals, numbers, best=best) for column in columns]
     fields = [*rows[0]]
     head = [chosen.get("metric", fields[0]), *[""] * (len(fields) - 1), *(c.head for c in columns)]
     body = [[*_in_words(row), *of_row] for row, *of_row in zip(rows, *cells, strict=True)]
@@ -192,7 +194,12 @@ def _line(text: str, place: int) -> int:
 
 
 def _cells(
-    column: _DocumentColumn, rows: Sequence[Line], intervals: bool, numbers: Path
+    column: _DocumentColumn,
+    rows: Sequence[Line],
+    intervals: bool,
+    numbers: Path,
+    *,
+    best: bool,
 ) -> list[str]:
     renamed = [
         {name: column.renamed.get(value, value) for name, value in row.items()} for row in rows
@@ -204,6 +211,7 @@ def _cells(
         raise ValueError(f"no line for the column '{column.head}'")
     verdicts = _read_lines(filter(None, column.marks.split(",")), column.marked, numbers)
     cells = []
+    valued: dict[int, Line] = {}  # by place of their cell
     for row in renamed:
         matching = [line for line in lines if _has(line, row)]
         if not matching and column.gaps:
@@ -213,8 +221,26 @@ def _cells(
         if len(texts) != 1:  # lines of several tables of a run may repeat one
             asked = ", ".join(f"{name} {value}" for name, value in {**row, **column.wanted}.items())
             raise ValueError(f"{len(matching)} lines with {asked}; there has to be one")
+        if not column.shown and matching[0]["value"]:
+            valued[len(cells)] = matching[0]
         cells.append(f"{_mark(verdicts, row, column)} {texts.pop()}".strip())
+    for place in _best(valued) if best else ():
+        cells[place] = f"**{cells[place]}**"
     return cells
+
+
+def _best(lines: Mapping[int, Line]) -> list[int]:
+    """Return the places of the values that none is printed better than."""
+    return [
+        place
+        for place, line in lines.items()
+        if not any(_is_ahead(other, line) for other in lines.values())
+    ]
+
+
+def _is_ahead(line: Line, other: Line) -> bool:
+    methods = (measured_method(line), measured_method(other))
+    return prints_better(line["metric"], float(line["value"]), float(other["value"]), *methods)
 
 
 def _read_lines(

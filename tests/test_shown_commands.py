@@ -27,39 +27,18 @@ BLOCK = re.compile(r"^```(\w*)\n(.*?)^```", re.MULTILINE | re.DOTALL)
 NUMBER = re.compile(r"\d+\.\d+")
 SMALL = "--limit 2 --views 2 --methods splat --conditions 2048 --workers 1"
 GIVEN = {
-    "CLOUD": "stool.ply",
-    "CLOUD…": "stool.ply",
     "CLOUDS": "examples",
     "PATH": "meshes",
-    "FOLDER": "meshes",
     "folder:PATH": "folder:meshes",
-    "--suite ID": "--suite chair-robustness",
-    "NAME": "autoencoder",
-    "METHOD": "splat",
     "DIR_A": "first",
     "DIR_B": "first",
-    "merge DIR…": "merge part-1 part-2",
-    "report DIR…": "report first own",
-    "SITE": "site",
-    "TREE": "tree",
-    "--out DIR": "--out whole",
-    "DIR": "first",
 }
 FURTHER = {
-    "run --suite ID": f"{SMALL} --dataset folder:meshes --out own",  # goes on: nothing is left
     "run --suite chair-robustness --dataset folder:PATH": f"{SMALL} --out own",
     "run --suite chair-robustness --dataset exported:exported-chairs": f"{SMALL} --out of-export",
     "data export --dataset procedural --conditions all --out exported-chairs": (
         "--limit 1 --views 2 --workers 1"
     ),
-    "data export --out TREE": "--limit 1 --views 2 --workers 1",
-    "recommend DIR": "--budget-ms 2000",
-    "train NAME": "--steps 1 --objects 2 --batch 2",
-}
-ENDS_WITH = {  # all others with 0
-    "check DIR": (2, "no golden values for this protocol"),
-    "data verify FOLDER": (1, "0 files are those of the list"),
-    "score DIR": (2, "no installed package adds a metric"),
 }
 
 
@@ -71,7 +50,7 @@ def shown(page: Path) -> list[str]:
 
 def commands_of(block: str) -> list[str]:
     lines = re.findall("^bench (.*)$", re.sub(r" *\\\n *", " ", block), re.MULTILINE)
-    return [re.split(r" {2,}", line)[0] for line in lines if not line.startswith("COMMAND")]
+    return [re.split(r" {2,}", line)[0] for line in lines]
 
 
 def typed(command: str) -> list[str]:
@@ -112,8 +91,8 @@ def test_they_run(tmp_path, monkeypatch):
     monkeypatch.chdir(tmp_path)
     monkeypatch.setenv("COLUMNS", "100")  # pytest-xdist sets 80
     Path("examples").mkdir()
-    for copy in ("examples/chair.ply", "stool.ply"):
-        Path(copy).write_bytes((REPOSITORY / "examples" / "chair.ply").read_bytes())
+    cloud = Path("examples/chair.ply")
+    cloud.write_bytes((REPOSITORY / cloud).read_bytes())
     Path("meshes/chair").mkdir(parents=True)
     for index, shape in enumerate(open_dataset("procedural").objects("chair", 2, 2)):
         mesh = shape.load()
@@ -122,32 +101,19 @@ def test_they_run(tmp_path, monkeypatch):
             *(f"f {a + 1} {b + 1} {c + 1}" for a, b, c in mesh.faces.tolist()),
         ]
         Path(f"meshes/chair/{index}.obj").write_text("\n".join(lines))
-    for number in (1, 2):
-        part = f"run --suite chair-robustness {SMALL} --shard {number}/2 --out part-{number}"
-        assert run(part.split())[0] == 0
     commands = [command for page in PAGES for command in shown(page)]
-    assert len(commands) > 20
-    assert {*FURTHER, *ENDS_WITH} <= set(commands), "what a page no longer shows"
+    assert len(commands) >= 20
+    assert {*FURTHER} <= {*commands}, "what a page no longer shows"
     expected = {command: text for page in PAGES for command, text in shown_outputs(page).items()}
     assert set(expected) <= set(commands)
     assert expected, "no page shows what a command prints"
     for command in commands:
-        status, message = ENDS_WITH.get(command, (0, ""))
         ended, output, printed = run(typed(command))
-        assert ended == status, f"{command}: {output}"
-        assert message in output, command
+        assert ended == 0, f"{command}: {output}"
         if command in expected:
             assert_same_output(printed, expected[command])
-    for made in (
-        "first/report.html",
-        "first/comparisons",
-        "site/index.html",
-        "sheet.png",
-        "turn.gif",
-        "stool.png",
-    ):
-        assert Path(made).exists(), made
-    assert Path("whole/records.parquet").exists()
+    for path in ("first/report.html", "first/comparisons", "sheet.png", "turn.gif", "chair.png"):
+        assert Path(path).exists(), path
 
 
 def test_those_of_rendering_run(tmp_path, monkeypatch):

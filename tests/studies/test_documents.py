@@ -77,3 +77,25 @@ def test_pages_are_what_the_numbers_say(path):
     """Run python -m studies.documents where this fails."""
     text = path.read_text(encoding="utf-8")
     assert filled(text, str(path.relative_to(REPOSITORY))) == text
+
+
+def test_the_best_of_each_column_of_values_is_bold(tmp_path):
+    # The two best by ssim differ by less than its digits tell, and costs have no best.
+    (tmp_path / "values.csv").write_text(
+        "method,metric,value,ci_low,ci_high,cost_ms\n"
+        "splat,ssim,0.91202,0.9,0.92,5\n"
+        "pc2pix,ssim,0.91198,0.9,0.92,18\n"
+        "alpha-wrap,ssim,0.8,0.7,0.9,110\n"
+        "splat,lpips,0.3,0.2,0.4,5\n"
+        "pc2pix,lpips,0.02,0.01,0.03,18\n"
+        "alpha-wrap,lpips,,,,110\n"
+    )
+    asked = (
+        "rows=method:splat,pc2pix,alpha-wrap intervals=no best=yes column=a;values.csv;metric:ssim "
+        "column=b;values.csv;metric:lpips column=c;values.csv;metric:ssim;show:cost_ms"
+    )
+    assert (
+        "| splat | **.912** | .300 | 5.0 |\n"
+        "| pc2pix | **.912** | **.020** | 18.0 |\n"
+        "| alpha-wrap | .800 | - | 110 |\n"
+    ) in filled(page(asked), "x.md", tmp_path)
