@@ -2,8 +2,8 @@
 #
 #   make test-all                      the slow tests too
 #   make docs                         docs/ as a site, in build/docs
-#   make release                       the wheel, installed and run in an environment of its own
-#   make version VERSION=1.0.0         one version and the date of today wherever they stand
+#   make release                       what a release needs: versions, numbers of the pages, the wheel
+#   make version VERSION=2.0.0         one version and the date of today wherever they stand
 #   make bench ARGS="--limit 12"       further options for `bench run`
 #   make bench PIP_ARGS="..."          further options for pip, an index of CPU-only torch say
 
@@ -52,7 +52,10 @@ test-libraries:
 
 # The environment and the folder of the run hold nothing but the wheel: it needs no checkout.
 RELEASE := build/release
-release: libraries | $(VENV)/bin/python
+release: install
+	@test -z "$$(git status --porcelain)" || { git status --short >&2; echo "commit these first" >&2; exit 1; }
+	$(VENV)/bin/python -m studies.release
+	$(VENV)/bin/python -m studies.documents --check
 	rm -rf build/lib $(RELEASE)
 	$(PIP) wheel --quiet --no-deps -w $(RELEASE) .
 	$(PYTHON) -m venv $(RELEASE)/env
@@ -61,10 +64,10 @@ release: libraries | $(VENV)/bin/python
 	    "run --suite chair-robustness --limit 2 --out run" "check run"; do env/bin/bench $$command; done
 	git clone --quiet "file://$(CURDIR)" $(RELEASE)/clone
 	git clone --quiet --depth 1 "file://$(CURDIR)" $(RELEASE)/shallow-clone
-	du -sh $(RELEASE)/*
+	du -sh $(RELEASE)/* $(VENV)
 
 version:
-	@test -n "$(VERSION)" || { echo "give the version: make version VERSION=1.0.0" >&2; exit 2; }
+	@test -n "$(VERSION)" || { echo "give the version: make version VERSION=2.0.0" >&2; exit 2; }
 	sed -i 's/^version = .*/version = "$(VERSION)"/' pyproject.toml
 	sed -i -E 's/^( *version:) .*/\1 $(VERSION)/; s/^(date-released:) .*/\1 $(DATE)/' CITATION.cff
 	sed -i -E 's/^(  year:) .*/\1 $(firstword $(subst -, ,$(DATE)))/' CITATION.cff

@@ -5,36 +5,22 @@ from __future__ import annotations
 import re
 import shutil
 import subprocess
-import tomllib
 from pathlib import Path
 
+import pytest
 import yaml
 
-from bench.commands.cite import bibtex, cite
+from bench.catalogue.lookup import GONE
+from bench.commands.cite import cite
+from studies.release import differences, version_of
 
 ROOT = Path(__file__).parents[1]
 FILES = ("pyproject.toml", "CITATION.cff", "CHANGELOG.md", "Makefile", "README.md")
-SECTION = re.compile(r"^## \[(\d+\.\d+\.\d+)\] - (\d{4}-\d\d-\d\d|unreleased)$", re.MULTILINE)
 
 
-def checked_version(folder: Path) -> str:
-    """Return the version; assert that it and the date are the same everywhere."""
-    cited = yaml.safe_load((folder / "CITATION.cff").read_text("utf-8"))
-    version = tomllib.loads((folder / "pyproject.toml").read_text("utf-8"))["project"]["version"]
-    assert cited["version"] == cited["preferred-citation"]["version"] == version
-    assert str(cited["date-released"])[:4] == str(cited["preferred-citation"]["year"])
-    assert (
-        bibtex((folder / "CITATION.cff").read_text("utf-8")) in (folder / "README.md").read_text()
-    )
-    (latest, _), *_ = sections = SECTION.findall((folder / "CHANGELOG.md").read_text("utf-8"))
-    # Version 0.1.0 has no section of its own.
-    assert dict(sections).get(version, str(cited["date-released"])) == str(cited["date-released"])
-    assert {number for number, date in sections if date == "unreleased"} <= {latest}
-    return version
-
-
-def test_one_command_raises_the_version_everywhere(tmp_path):
-    checked_version(ROOT)
+@pytest.fixture
+def checkout(tmp_path):
+    """The files of a version 9.0.0 of 31 January 2027, as `make version` leaves them."""
     for name in FILES:
         shutil.copy(ROOT / name, tmp_path)
     changelog, top = tmp_path / "CHANGELOG.md", "## [Unreleased]\n"
@@ -42,9 +28,43 @@ def test_one_command_raises_the_version_everywhere(tmp_path):
     changelog.write_text(text, "utf-8")
     arguments = ("make", "version", "VERSION=9.0.0", "DATE=2027-01-31")
     subprocess.run(arguments, cwd=tmp_path, check=True, capture_output=True)
-    assert checked_version(tmp_path) == "9.0.0"
-    assert "  year = {2027},\n  note = {Version 9.0.0},\n" in (tmp_path / "README.md").read_text()
-    assert "\n## [9.0.0] - 2027-01-31\n" in changelog.read_text("utf-8")
+    return tmp_path
+
+
+def test_the_version_is_the_same_everywhere():
+    assert differences(ROOT) == []
+
+
+def test_one_command_raises_the_version_everywhere(checkout):
+    assert version_of(checkout) == "9.0.0"
+    assert differences(checkout) == []
+    assert "  year = {2027},\n  note = {Version 9.0.0},\n" in (checkout / "README.md").read_text()
+    assert "\n## [9.0.0] - 2027-01-31\n" in (checkout / "CHANGELOG.md").read_text("utf-8")
+
+
+@pytest.mark.parametrize(
+    ("name", "text", "other", "lines"),
+    [
+        ("pyproject.toml", '"9.0.0"', '"9.0.1"', 3),  # two in CITATION.cff, and no section
+        ("CITATION.cff", "\nversion: 9.0.0", "\nversion: 8.0.0", 1),
+        ("CITATION.cff", "  year: 2027", "  year: 2026", 2),  # of the file, and of the BibTeX
+        ("README.md", "Version 9.0.0", "Version 8.0.0", 1),
+        ("CHANGELOG.md", "## [9.0.0] - 2027-01-31", "## [9.0.0] - unreleased", 1),
+        ("CHANGELOG.md", "## [1.0.0] - 2026-11-26", "## [1.0.0] - unreleased", 1),
+    ],
+)
+def test_each_other_version_or_date_is_named(checkout, name, text, other, lines):
+    path = checkout / name
+    before = path.read_text("utf-8")
+    assert text in before
+    path.write_text(before.replace(text, other), "utf-8")
+    assert len(differences(checkout)) == lines
+
+
+def test_the_changelog_has_each_name_that_is_gone():
+    text = (ROOT / "CHANGELOG.md").read_text("utf-8")
+    names = {name.split()[-1].replace("--no-", "--") for kind in GONE.values() for name in kind}
+    assert {name for name in names if name not in text} == set()
 
 
 def test_the_command_prints_what_yaml_reads_in_the_file(capsys):
