@@ -4,21 +4,16 @@ from __future__ import annotations
 
 import re
 from math import nan
-from pathlib import Path
 
-import pandas as pd
 import pytest
 from rich.cells import cell_len
 
-from bench.catalogue.chosen import BEST_CLASSICAL, CHOSEN
 from bench.tables.differences import comparison_lines
 
 from ..differences import make_difference, make_differences
 
-REPOSITORY = Path(__file__).parents[3]
 CONDITIONS = ("2048", "512", "noise-0.05")
 HEADLINE = ("ssim-object", "lpips")
-CLASSICAL = ("alpha-wrap", "denoised-wrap", "splat-fill")
 
 
 def lines(rows, width=80, **sides):
@@ -62,22 +57,6 @@ def test_a_mixed_verdict_counts_the_cells(aheads, verdict):
     assert shown[-1] == f"{verdict} Intervals: --format md"
     words = {"b": "better", "a": "worse", "=": "not decided", "?": "undecided"}
     assert re.split(" {2,}", shown[4]) == ["lpips", *(words[ahead] for ahead in aheads)]
-
-
-def test_the_page_shows_the_verdict_on_the_sealed_chairs():
-    rows = pd.read_csv(REPOSITORY / "results" / "docs" / "sealed-differences.csv")
-    rows = rows[(rows.method_b == "splat-net@chair") & rows.metric.isin(HEADLINE)]
-    cells = [
-        make_difference(row["metric"], str(row["condition"]), row["difference"], row["ahead"])
-        | {name: row[name] for name in ("objects", "method_a", "method_b")}
-        for row in rows.to_dict("records")
-    ]
-    page = (REPOSITORY / "docs" / "compare.md").read_text(encoding="utf-8")
-    (block,) = re.findall(r"^```text\n(.*?)\n```", page, re.MULTILINE | re.DOTALL)
-    best = CHOSEN[BEST_CLASSICAL]
-    chosen = best.best([(c["metric"], c["condition"]) for c in cells], CLASSICAL)
-    shown = lines(cells, remarks=(best.in_words(chosen),), a="best-classical", b="splat-net@chair")
-    assert shown == block.splitlines()
 
 
 def test_too_few_objects_decide_nothing():
