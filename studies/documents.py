@@ -53,6 +53,7 @@ from bench.analysis.digits import decimals, is_coarse, prints_better
 from bench.catalogue.chosen import CHOSEN
 from bench.catalogue.conditions import condition_name
 from bench.catalogue.methods import find_method
+from bench.catalogue.metrics import metric_facts
 from bench.tables.grid import FEWER, MOVED
 from data_prep.files.atomic_write import write_whole
 from studies.provenance import origins
@@ -283,10 +284,11 @@ def _cell(line: Line, shown: str, intervals: bool) -> str:
     metric, method = line["metric"], measured_method(line)
     if not line["value"]:
         return "-"
-    digits = decimals(metric, method)
-    text = MOVED * is_coarse(metric, method) + _short(line["value"], digits)
+    # A metric of a suite with tables of its own has two digits that count.
+    form = f".{decimals(metric, method)}f" if metric_facts(metric).kind else "#.2g"
+    text = MOVED * is_coarse(metric, method) + _short(line["value"], form)
     if intervals and line["ci_low"]:
-        low, high = (_short(line[end], digits) for end in ("ci_low", "ci_high"))
+        low, high = (_short(line[end], form) for end in ("ci_low", "ci_high"))
         text += f" [{low}, {high}]"
     return text
 
@@ -297,9 +299,9 @@ def measured_method(line: Line) -> str:
     return line["note"].partition("; ")[0] if method in CHOSEN else method
 
 
-def _short(number: str, digits: int) -> str:
+def _short(number: str, form: str) -> str:
     """Return a number, rounded, without the 0 before the point of fractions."""
-    return re.sub(r"^(-?)0\.", r"\1.", f"{float(number):.{digits}f}").replace("-", "−")
+    return re.sub(r"^(-?)0\.", r"\1.", f"{float(number):{form}}").replace("-", "−")
 
 
 def main() -> None:

@@ -138,7 +138,7 @@ FIGURES: Mapping[str, Callable[[], Figure]] = {
     "beyond": partial(_draw_families, "beyond-networks.csv", (CHAIR, *OTHERS)),
     "trade": _draw_costs,
 }
-_LATENT = {"latent": partial(draw_path, "pc2pix", 6, _WIDTH_IN)}
+_LATENT = {"latent": partial(draw_path, "pc2pix", 4, _WIDTH_IN)}
 # By name the classes and the methods of a sheet.
 _OF_MESHES = {
     "answer": (("bench", "chair"), ANSWER),
