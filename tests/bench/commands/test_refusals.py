@@ -10,6 +10,7 @@ from hashlib import sha256
 
 import pytest
 import torch
+from safetensors.torch import save_file
 
 from bench.catalogue.method import ALLOWED
 from bench.metrics import inception_weights
@@ -348,6 +349,17 @@ CASES |= {
     "check run --again 1 --golden a": "--again: compares a run with itself; leave --golden",
     "compare run run --fail-on better": "Invalid value for '--fail-on': 'better' is not one of ",
 }
+OLD_WEIGHTS = (
+    "old.safetensors: weights of version 1.0.0 or earlier (format splat-net-weights-1, now "
+)
+CASES |= {
+    "render cloud.xyz --method splat-net@old.safetensors": OLD_WEIGHTS,
+    "render cloud.xyz --method fused-net@old.safetensors": OLD_WEIGHTS,
+    f"{ROBUSTNESS} --methods splat-net@old.safetensors": OLD_WEIGHTS,
+    "train splat-net --start old.safetensors": OLD_WEIGHTS,
+    "render cloud.xyz --method pc2pix@old.safetensors": "old.safetensors: expected format 'pc2pix-"
+    "weights-1' in the header, found 'splat-net-weights-1'; write the file again with pc2pix.wei",
+}
 AGAIN = "run again with another --out or --fresh"
 OF_OTHER_PROTOCOLS = {  # command lines on what is of protocol N, and the remedy that they say
     **dict.fromkeys(
@@ -402,6 +414,7 @@ def folder(tmp_path_factory, tiny_weights):
         (folder / name).parent.mkdir(parents=True, exist_ok=True)
         (folder / name).write_text(text)
     (folder / "chair.safetensors").write_bytes(tiny_weights.read_bytes()[:-1])
+    save_file({}, folder / "old.safetensors", {"format": "splat-net-weights-1"})
     for name, changes in MANIFESTS.items():
         (folder / name).mkdir()
         write_manifest(folder / name, make_manifest(**changes))
