@@ -3,8 +3,9 @@
     python -m studies.figures [NAME ...] [--meshes PATH] [-o docs]
 
 Figures are drawn as those of a run are; better is up or to the right. Sheets show what methods draw
-of objects, `answer` and `real-objects` of real meshes in the folder PATH (`bench data verify` knows
-it), and without it they are left out. All images are 800 pixels wide, and readable at half of that.
+of objects, `answer`, `real-objects` and `scans` of those in the folder of real meshes PATH (`bench
+data verify` knows it), and without it they are left out. All images are 800 pixels wide, and
+readable at half of that.
 """
 
 from __future__ import annotations
@@ -28,7 +29,7 @@ from bench.report.plots import axis_title, dots_figure, frontier_figure
 from bench.report.run_figures import family_figure, family_panels, quality_figure, quality_panel
 from bench.report.styles import method_styles
 from studies.documents import NUMBERS
-from studies.sheets import ANSWER, REAL, draw_objects, draw_path
+from studies.sheets import ANSWER, REAL, SCANNED, draw_objects, draw_path, draw_scans
 
 if TYPE_CHECKING:
     from matplotlib.figure import Figure
@@ -139,20 +140,18 @@ FIGURES: Mapping[str, Callable[[], Figure]] = {
     "trade": _draw_costs,
 }
 _LATENT = {"latent": partial(draw_path, "pc2pix", 4, _WIDTH_IN)}
-# By name the classes and the methods of a sheet.
-_OF_MESHES = {
-    "answer": (("bench", "chair"), ANSWER),
-    "real-objects": (("airplane", "cabinet", "chair", "lamp", "table"), REAL),
+_OF_MESHES: Mapping[str, Callable[[Path], Figure]] = {
+    "answer": lambda meshes: draw_objects(meshes, ("bench", "chair"), ANSWER, _WIDTH_IN),
+    "real-objects": lambda meshes: draw_objects(
+        meshes, ("airplane", "cabinet", "chair", "lamp", "table"), REAL, _WIDTH_IN
+    ),
+    "scans": lambda meshes: draw_scans(meshes, SCANNED, _WIDTH_IN),
 }
 
 
 def drawings(meshes: Path | None) -> dict[str, Callable[[], Figure]]:
     """Return what draws each image; without a folder of real meshes there are none of these."""
-    of_meshes = {
-        name: partial(draw_objects, meshes, *asked, _WIDTH_IN)
-        for name, asked in _OF_MESHES.items()
-        if meshes
-    }
+    of_meshes = {name: partial(draw, meshes) for name, draw in _OF_MESHES.items() if meshes}
     return {**FIGURES, **_LATENT, **of_meshes}
 
 

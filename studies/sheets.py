@@ -6,6 +6,7 @@ from collections.abc import Iterator, Sequence
 from pathlib import Path
 from typing import TYPE_CHECKING
 
+from bench import draw_cloud
 from bench.catalogue.chosen import BEST_CLASSICAL, CHOSEN
 from bench.catalogue.lookup import find
 from bench.judges import VIEWS_WEIGHTS
@@ -33,6 +34,7 @@ _CONDITION_TITLES = {"2048": "clean", "noise-0.10": "noise 10 %"}
 _NETWORKS = ("fused-net@grey", "splat-net@grey")
 ANSWER = (*_NETWORKS, BEST_CLASSICAL, "pc2pix")
 REAL = (*_NETWORKS, "occupancy-net", BEST_CLASSICAL)
+SCANNED = ("splat", "alpha-wrap", "surface-apss", "occupancy-net", "fused-net@grey", "pc2pix@all")
 
 
 def draw_objects(
@@ -59,6 +61,19 @@ def _row(shape: SceneObject, condition: str, methods: Sequence[str]) -> Iterator
         known = CHOSEN.get(method)
         drawer = known.ranking[METRIC, condition][0] if known else method
         yield draw_all(load_renderer(drawer, "cpu"), [cloud], [[VIEW]])[0, 0]
+
+
+def draw_scans(meshes: Path, methods: Sequence[str], width_in: float) -> Figure:
+    """Draw each scan beside the real meshes from two sides, by each method."""
+    rows = [
+        (
+            f"{path.parent.name}\n{azimuth_deg}°",
+            [draw_cloud(path, azimuth_deg, method=method) for method in methods],
+        )
+        for path in sorted((meshes / "pointclouds").rglob("*.ply"))
+        for azimuth_deg in (30, -150)
+    ]
+    return image_sheet(methods, rows, width_in=width_in, fontsize=SMALL)
 
 
 def draw_path(method: str, positions: int, width_in: float) -> Figure:
