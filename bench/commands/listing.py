@@ -77,7 +77,7 @@ def list_all(
         str | None,
         typer.Argument(
             metavar="[SECTION]",
-            help=f"One of {', '.join(SECTIONS)}, whole. Default: a part of each.",
+            help=f"One of {', '.join(SECTIONS)}, whole. Default: what to choose from.",
         ),
     ] = None,
     everything: Annotated[
