@@ -128,7 +128,7 @@ def _check_file(
             f"{file}: of another protocol than {directory}: {', '.join(other)}; check a run with "
             "the same options, or write golden values of this one with --bless FILE"
         )
-    compared = compare_objects(run, golden_values, widths)
+    compared = compare_objects(run, golden_values, widths, means=True)
     if not compared.cells:
         raise BadInput(
             f"{file}: has no method, condition and object of {directory} in common; check a run "
@@ -171,7 +171,7 @@ def _check_values(directory: Path, manifest: dict[str, Any], widths: Widths) -> 
             remarks.append(
                 "not all golden objects: means and distances of the run are not compared"
             )
-        by_object = compare_objects(run, objects, widths)
+        by_object = compare_objects(run, objects, widths, means=not whole)
         cells += by_object.cells
         remarks += [*_without_golden(manifest, objects), by_object.remark]
         moved_objects = by_object.moved

@@ -32,7 +32,12 @@ from numpy.typing import NDArray
 
 from bench.analysis.scored_run import Run, in_order
 from bench.catalogue.methods import known_method
-from bench.checking.tolerances import OBJECT_RENDERING, PRINTED, object_tolerance
+from bench.checking.tolerances import (
+    OBJECT_RENDERING,
+    PRINTED,
+    mean_tolerance,
+    object_tolerance,
+)
 from bench.records.frames import stored_artifacts
 from bench.records.job import JobName
 from bench.tables.published import golden_name, golden_path
@@ -363,6 +368,13 @@ class Widths:
         wide = self.by_metric.get(metric, object_tolerance(method, metric, same or self.strict))
         return max(wide, PRINTED)
 
+    def of_mean(self, method: str, metric: str, objects: int, same: bool) -> float:
+        """Return how far the mean of so many values may move: no farther than each of them."""
+        each = self.of(method, metric, same)
+        if metric in self.by_metric:
+            return each
+        return max(min(each, mean_tolerance(method, metric, objects)), PRINTED)
+
     def in_words(self, methods: Sequence[str], metrics: Sequence[str]) -> str:
         """Return the tolerances of another environment."""
         methods_by_text: dict[str, list[str]] = {}
@@ -386,8 +398,10 @@ class _ObjectComparison:
     moved: tuple[GoldenDeviation, ...]
 
 
-def compare_objects(run: Run, golden: GoldenObjects, widths: Widths) -> _ObjectComparison:
-    """Compare the values of a run, or of a part of one, with the golden ones."""
+def compare_objects(
+    run: Run, golden: GoldenObjects, widths: Widths, *, means: bool
+) -> _ObjectComparison:
+    """Compare the values of a run, or of a part of one, with the golden ones, and their `means`."""
     expected = golden.part(run.manifest)
     metrics = [name for name in golden.lines.columns if name not in (*KEY, IMAGES)]
     actual = _object_values(run).reindex(index=expected.index, columns=metrics)
@@ -410,7 +424,15 @@ def compare_objects(run: Run, golden: GoldenObjects, widths: Widths) -> _ObjectC
                 if not (abs(now - was) <= allowed or (math.isnan(now) and math.isnan(was)))
             ]
             if not beyond:
-                cells.append(GoldenCell(method, condition, metric, len(wanted)))
+                moves = (measured[metric] - wanted[metric]).dropna()
+                most = widths.of_mean(method, metric, len(moves), same)
+                problem = ""
+                if means and abs(moves.mean()) > most:
+                    problem = (
+                        f"the mean of {len(moves)} objects moved by {moves.mean():+.6f}, more than "
+                        f"{most:.6f}, though none of them by more than {allowed:.6f}"
+                    )
+                cells.append(GoldenCell(method, condition, metric, len(wanted), problem))
                 continue
             beyond.sort(key=lambda deviation: -deviation.excess)
             worst = []

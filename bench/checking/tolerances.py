@@ -25,6 +25,7 @@ the turn (0.059 dB of psnr, 0.0033 of lpips), and with APSS by three times its s
 
 from __future__ import annotations
 
+import math
 from collections.abc import Mapping
 from dataclasses import dataclass, replace
 
@@ -91,6 +92,7 @@ OF_CLASSES: Mapping[str, Tolerance] = {
 _FEW_IMAGES = {  # (method, metric) with a value that is a mean over few images
     ("constant", "thin-precision"): Tolerance(0.08, 0.0, f"{_DRIVER}, in few pictures"),
 }
+_CHAIRS = 24  # of the cells over which the effects were measured
 PRINTED = 1e-6  # files keep 6 decimals: a rounding of 5e-7, and room for the comparison
 OBJECT_RENDERING: Mapping[str, float] = {  # 3 x the largest move of a chair
     "ssim": 0.0022,
@@ -146,3 +148,14 @@ def object_tolerance(method: str, metric: str, same_environment: bool) -> float:
         return PRINTED
     table = _OBJECT_RECONSTRUCTION if family_of(method) in PAPERS_CHAIN else OBJECT_RENDERING
     return table[metric]
+
+
+def mean_tolerance(method: str, metric: str, objects: int) -> float:
+    """Return how far the mean of an image metric over so many objects may move.
+
+    Over fewer chairs than a cell has it may move farther, by the root of what they are fewer.
+    """
+    rule = tolerance(method, metric)
+    if rule is None or not objects:
+        return math.inf
+    return rule.absolute * math.sqrt(max(1.0, _CHAIRS / objects))
