@@ -11,9 +11,10 @@ The file is what `bench table DIR --format csv` prints, or one of the files of a
 `columns` name a field and its values in their order, or several fields,
 `metric:ssim,lpips*condition:2048,512`, and then all their combinations; further `field=value`
 choose among the lines; `intervals=no` leaves intervals out, and `show=paper` shows another field as
-it is. Values have the digits of the tables of runs (`bench.analysis.digits`); one with fewer than
-its metric has is marked. Conditions stand in words, "512 of 2,048 points". `best=yes` sets the best
-of each column of values in bold, several where their digits do not tell them apart.
+it is, `show=ahead` the verdict of a comparison. Values have the digits of the tables of runs
+(`bench.analysis.digits`); one with fewer than its metric has is marked. Conditions stand in words,
+"512 of 2,048 points". `best=yes` sets the best of each column of values in bold, several where
+their digits do not tell them apart.
 
 `marks=a-pc2pix.csv,a-splat-net@chair.csv` puts "better", "worse" or "not decided" beside values:
 what the comparison of a row's method in those files says, after Holm's correction, at the same
@@ -279,6 +280,8 @@ def _has(line: Line, wanted: Mapping[str, str]) -> bool:
 def _cell(line: Line, shown: str, intervals: bool) -> str:
     if shown.endswith("_ms"):
         return milliseconds(float(line[shown]))
+    if shown == "ahead":
+        return VERDICTS[line[shown]]
     if shown:
         return re.sub(r"(\.\d*?)0+$", r"\1", line[shown]).removesuffix(".") or "-"
     metric, method = line["metric"], measured_method(line)
