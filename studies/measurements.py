@@ -33,6 +33,7 @@ from bench.catalogue.suites import SUITES
 from bench.records.run_folder import read_manifest
 from bench.tables.build import tables
 from bench.tables.differences import differences_table
+from bench.tables.quality import further_tables
 from bench.tables.table import TABLES, csv_text
 from data_prep.files.atomic_write import write_whole
 from studies.documents import NUMBERS
@@ -101,8 +102,8 @@ MEASUREMENTS: Mapping[str, QuotedRun] = {
         FIRST,
     ),
     "real-meshes-coloured": QuotedRun(
-        f"{_ON_MESHES} --methods alpha-wrap,denoised-wrap,splat-fill,occupancy-net,pc2pix@all,"
-        "splat-net,splat-net@grey,fused-net,blank",
+        f"{_REAL} --conditions 2048,noise-0.10 --views 4 --methods alpha-wrap,denoised-wrap,"
+        "splat-fill,occupancy-net,pc2pix@all,splat-net,splat-net@grey,fused-net,blank",
         ("splat-net", "splat-net@grey", "fused-net", "occupancy-net"),
         FIRST,
     ),
@@ -136,10 +137,27 @@ def differences_of(name: str) -> str:
 
 
 def values(run: Run, metrics: Iterable[str]) -> str:
-    """Return the tables of quality of a run as one CSV file, of the given metrics or of all."""
+    """Return the tables of quality of a run as one CSV file, of the given metrics or of all.
+
+    Further metrics, which have no line for the mean of the classes, get one, without an interval.
+    """
     rows = [row for table in tables(run) for row in _rows(table.to_csv())]
+    for table in further_tables(run):
+        of_classes = _rows(table.to_csv())
+        rows += [*of_classes, *_averages(pd.DataFrame(of_classes), list(of_classes[0]))]
     wanted = set(metrics)
     return _written([row for row in rows if not wanted or row["metric"] in wanted])
+
+
+def _averages(of_classes: pd.DataFrame, columns: list[str]) -> list[dict[str, str]]:
+    averages = []
+    for _, cell in of_classes.groupby(["method", "condition"], sort=False):
+        mean = f"{cell['value'].astype(float).mean():.6f}"
+        same = {name: cell[name].iloc[0] for name in columns if cell[name].nunique() == 1}
+        averages.append(
+            {name: same.get(name, "") for name in columns} | {"class": AVERAGE, "value": mean}
+        )
+    return averages
 
 
 def differences(directory: Path, methods: Iterable[str], metrics: Sequence[str] = FIRST) -> str:

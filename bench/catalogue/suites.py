@@ -70,7 +70,7 @@ class TableSpec:
 
 
 _paper_table = partial(TableSpec, paper_layout=True)
-# Titles do not name the truth: `bench.tables.table.of_truth` adds it to those of all tables.
+# Titles do not name the truth: `bench.tables.table.of_protocol` adds it to those of all tables.
 DETAIL_TABLE = TableSpec(
     "detail", "table_detail", "Detail: the object alone, its outline and its thin parts"
 )

@@ -56,7 +56,7 @@ from bench.tables.grid import (
     records,
     shown,
 )
-from bench.tables.table import Table, of_protocol, of_truth
+from bench.tables.table import Table, of_protocol
 from data_prep.failures import BadInput
 from data_prep.progress import log
 
@@ -199,7 +199,7 @@ def metric_table(run: Run, metric: Any, rows: pd.DataFrame) -> Table:
     better = "higher" if higher_is_better(metric.id) else "lower"
     title = f"{metric.id}, version {metric.version}: {metric.about} ({better} is better)"
     spec = TableSpec("images", f"metric_{metric.id}", title)
-    return of_truth(quality_table(spec, rows), run.suite)
+    return of_protocol(quality_table(spec, rows), run.suite, run.manifest[PROTOCOL])
 
 
 def further_tables(run: Run) -> list[Table]:

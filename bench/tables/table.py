@@ -97,19 +97,16 @@ class Table:
         return self.layout(self.frame) if self.layout else ()
 
 
-def of_truth(table: Table, suite: Suite) -> Table:
-    """Return the table with the truth of its suite in its title.
-
-    In grey there is a last column, for the suite alone does not tell.
-    """
-    frame = table.frame if suite.truth == COLOURED else table.frame.assign(**{TRUTH: suite.truth})
-    return replace(table, title=f"{table.title}; against {TRUTHS[suite.truth]}", frame=frame)
-
-
 def of_protocol(table: Table, suite: Suite, version: int) -> Table:
-    """Return the table with the truth and the protocol's version in its title and as columns."""
-    titled = of_truth(replace(table, frame=table.frame.assign(protocol=version)), suite)
-    return replace(titled, title=f"{titled.title}; protocol {version}")
+    """Return the table with the truth and the protocol's version in its title and as columns.
+
+    Only truth in grey has a column, the last: in colours the suite alone tells it.
+    """
+    frame = table.frame.assign(protocol=version)
+    if suite.truth != COLOURED:
+        frame = frame.assign(**{TRUTH: suite.truth})
+    title = f"{table.title}; against {TRUTHS[suite.truth]}; protocol {version}"
+    return replace(table, title=title, frame=frame)
 
 
 def table_files(tables: Iterable[Table]) -> dict[str, str]:

@@ -28,6 +28,7 @@ from bench.records.store import STORE
 from bench.report.stored import open_sources
 from bench.tables.build import make_outputs
 from bench.tables.quality import further_tables
+from data_prep.datasets.protocol_version import PROTOCOL_VERSION
 from data_prep.failures import BadInput
 
 from ..builders import as_failed, damage_images, rows_of
@@ -87,7 +88,8 @@ def test_every_image_counts_where_it_belongs(copied):
     assert value["true-mesh", "2048"] == value["true-mesh", "noise-0.10"] > 0
     assert value["splat", "noise-0.10"] > value["splat", "2048"] > 0
     assert table.title == (
-        "dark-share, version 7: made up (higher is better); against the true mesh in its colours"
+        "dark-share, version 7: made up (higher is better); against the true mesh in its colours; "
+        f"protocol {PROTOCOL_VERSION}"
     )
     assert all(row.ci_low <= row.value <= row.ci_high for row in rows_of(table))
 
