@@ -86,7 +86,7 @@ MEASUREMENTS: Mapping[str, QuotedRun] = {
         _COMPARED_ON_CHAIRS,
     ),
     "beyond-training": QuotedRun(
-        "--suite beyond-training",
+        "--suite beyond-training --limit 12",
         _COMPARED_ON_CHAIRS,
         copied=(("crossings", "beyond-training-crossings"),),
     ),
