@@ -20,8 +20,7 @@ from bench.catalogue.methods import FLOOR
 from bench.catalogue.metrics import declared_metric, is_mean
 from bench.catalogue.suites import TRUTHS
 from bench.records.frames import read_records
-from bench.records.run_folder import CONDITION_IDENTITIES, PROTOCOL
-from data_prep.datasets.protocol_version import PROTOCOL_VERSION, refuse_other_version
+from bench.records.run_folder import CONDITION_IDENTITIES
 from data_prep.failures import BadInput
 
 _SAME_TRUTH = 0.005  # of that ssim: graphics drivers differ by less, objects by more
@@ -57,7 +56,7 @@ def methods_of_run(
     Raises BadInput where there are not two methods, for methods and metrics that the run does not
     have, and for a run without scores.
     """
-    run = read_run(directory, older=True).with_further(metrics or ())
+    run = read_run(directory).with_further(metrics or ())
     if len(set(methods)) != 2:
         raise BadInput("one run is compared by two methods; give --methods a,b or a second folder")
     return _two_methods(run, methods, metrics)
@@ -118,7 +117,7 @@ def _two_methods(
     metrics: Sequence[str] | None,
     conditions: Sequence[str] | None = None,
 ) -> Differences:
-    remarks = _of_older_protocol(run)
+    remarks: list[str] = []
     chosen = _metrics([run], metrics, remarks)
     chosen_rows = _chosen_rows(run, chosen)
     _refuse_unknown("--methods", methods, [*run.manifest["methods"], *chosen_rows])
@@ -148,17 +147,14 @@ def runs(
     the runs did not see the same objects from the same views, naming what differs; where they have
     no method or condition in common; and as `methods_of_run`.
     """
-    a, b = (read_run(d, older=True).with_further(metrics or ()) for d in (first, second))
-    if a.manifest[PROTOCOL] != b.manifest[PROTOCOL]:
-        for run in (a, b):
-            refuse_other_version(run.directory, run.manifest[PROTOCOL])
+    a, b = (read_run(d).with_further(metrics or ()) for d in (first, second))
     if a.suite.truth != b.suite.truth:
         raise BadInput(
             f"different truths: {first} is scored against {TRUTHS[a.suite.truth]}, {second} "
             f"against {TRUTHS[b.suite.truth]}; give both the same --truth"
         )
     _refuse_other_objects(a, b)
-    remarks = _of_older_protocol(a)
+    remarks: list[str] = []
     shared, conditions = (
         _common(name, a.manifest[name], b.manifest[name], remarks)
         for name in ("methods", "conditions")
@@ -288,15 +284,6 @@ def _refuse_unknown(option: str, wanted: Sequence[str], known: Sequence[str]) ->
                 instead_of("metric" if option == "--metric" else "method", name)
                 or f"{option} {name}: cannot be compared here; there are {', '.join(known)}"
             )
-
-
-def _of_older_protocol(run: Run) -> list[str]:
-    """Return the remark on a comparison within an older version of the protocol."""
-    # The records of one version compare with each other whatever the code measures now.
-    version = run.manifest[PROTOCOL]
-    if version == PROTOCOL_VERSION:
-        return []
-    return [f"All is of protocol {version}; this version has protocol {PROTOCOL_VERSION}."]
 
 
 def _refuse_other_objects(*runs: Run) -> None:

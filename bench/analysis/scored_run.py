@@ -303,16 +303,15 @@ class Run:
         return run
 
 
-def read_run(directory: Path, manifest: dict[str, Any] | None = None, older: bool = False) -> Run:
+def read_run(directory: Path, manifest: dict[str, Any] | None = None) -> Run:
     """Return a finished run whose images were scored, or one with this manifest.
 
     The jobs of the latter are listed. The records are read part by part. Raises
     BadInput for anything else, where they cannot be read, for a manifest that does not describe
-    them, and for a suite that makes its tables itself. A run of an `older` version of the protocol
-    is allowed where that is true.
+    them, and for a suite that makes its tables itself.
     """
     if manifest is None:
-        manifest = read_finished(directory, older)
+        manifest = read_finished(directory)
         if manifest.get("objects") == []:
             raise BadInput(f"{directory}: a run without objects; start it again with its command")
     if manifest.get("suite") in [suite.id for suite in PROCEDURES]:

@@ -153,15 +153,15 @@ def _holds_run(directory: Path) -> bool:
     return False
 
 
-def read_finished(directory: Path, older: bool = False) -> dict[str, Any]:
+def read_finished(directory: Path) -> dict[str, Any]:
     """Return the manifest of a finished run: the records of others may be those of another run."""
-    manifest = read_manifest(directory, older)
+    manifest = read_manifest(directory)
     if manifest.get("finished") is None:
         raise BadInput(f"{directory}: the run is not finished; start it again with its command")
     return manifest
 
 
-def read_manifest(directory: Path, older: bool = False) -> dict[str, Any]:
+def read_manifest(directory: Path) -> dict[str, Any]:
     """Return the manifest of a run.
 
     Raises BadInput where there is no run, for links that lead out of it, pipes and devices, and as
@@ -178,16 +178,14 @@ def read_manifest(directory: Path, older: bool = False) -> dict[str, Any]:
             raise BadInput(f"{path}: no regular file but a pipe or device; remove it")
     if not (directory / MANIFEST).is_file():
         raise BadInput(f"{directory}: no run here ({MANIFEST} is missing); give a run's folder")
-    return load_manifest(directory / MANIFEST, directory, older=older)
+    return load_manifest(directory / MANIFEST, directory)
 
 
-def load_manifest(
-    path: Path, where: Path | None = None, remedy: str = "", older: bool = False
-) -> dict[str, Any]:
+def load_manifest(path: Path, where: Path | None = None, remedy: str = "") -> dict[str, Any]:
     """Return the manifest in a file, whose entries have the types of `_SCHEMA`.
 
     Raises BadInput for one that is damaged, of version 1.0.0, of a newer schema or of another
-    version of the protocol, but for an earlier one with `older`. Messages about versions name
+    version of the protocol. Messages about versions name
     `where`, by default the file; `remedy` is another one than to run again.
     """
     where = where or path
@@ -209,7 +207,7 @@ def load_manifest(
         )
     if PROTOCOL in manifest:
         again = remedy or "run again with another --out or --fresh"
-        refuse_other_version(where, manifest[PROTOCOL], again, older)
+        refuse_other_version(where, manifest[PROTOCOL], again)
     if schema < SCHEMA_VERSION or PROTOCOL not in manifest:
         raise BadInput(
             f"{where}: a run of version 1.0.0 or earlier (schema {schema}, this one reads "

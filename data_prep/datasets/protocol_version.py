@@ -20,20 +20,16 @@ PROTOCOL_VERSION = max(CHANGES)
 
 
 def refuse_other_version(
-    where: object,
-    version: object,
-    instead: str = "run again with another --out or --fresh",
-    older: bool = False,
+    where: object, version: object, instead: str = "run again with another --out or --fresh"
 ) -> None:
     """Raise BadInput where something is of another version of the protocol than this code.
 
     The message names `where`, a folder or file, and `instead`, the remedy beside the use of the
-    release that fits; `older` allows versions before that of this code.
+    release that fits.
     """
-    number = isinstance(version, int)
-    if version == PROTOCOL_VERSION or (older and number and version < PROTOCOL_VERSION):
+    if version == PROTOCOL_VERSION:
         return
-    newer = number and version > PROTOCOL_VERSION
+    newer = isinstance(version, int) and version > PROTOCOL_VERSION
     release = "update pc2pix-bench" if newer else "check out the release that made it"
     raise BadInput(
         f"{where}: of protocol {version!r}, this version has protocol {PROTOCOL_VERSION} "

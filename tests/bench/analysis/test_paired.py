@@ -14,7 +14,6 @@ from scipy.stats import t
 
 from bench.analysis.paired import Verdicts, paired_differences, two_methods
 from bench.records.run_folder import read_manifest, write_manifest
-from data_prep.datasets.protocol_version import PROTOCOL_VERSION
 
 from ..builders import overwrite, write_run
 from .comparisons import comparison, row_of
@@ -246,16 +245,6 @@ def test_runs_that_saw_something_else_are_refused(
     status, out, err = command("compare", "first", "second", "--metric", "ssim")
     assert (status, out, err.count("\n")) == (2, "", 1)
     assert err.startswith(f"bench: {message}")
-
-
-def test_runs_of_one_older_protocol_are_compared(command, two_runs):
-    older = PROTOCOL_VERSION - 1
-    for run in two_runs:
-        write_manifest(run, read_manifest(run) | {"protocol": older})
-    remark = f"All is of protocol {older}; this version has protocol {older + 1}."
-    for arguments in (two_runs, (two_runs[0], "--methods", "splat,blank")):
-        status, out, _ = command("compare", *arguments)
-        assert (status, remark in out) == (0, True)
 
 
 def test_methods_of_one_run_alone_are_left_out_with_a_remark(command, two_runs):
