@@ -78,7 +78,7 @@ def draw_scans(meshes: Path, methods: Sequence[str], width_in: float) -> Figure:
 
 def draw_path(method: str, positions: int, width_in: float) -> Figure:
     """Draw what a network of codes makes of the path between two test chairs."""
-    (pair,) = choose_pairs(specified_chairs("procedural", 2), generator(0, "latent pairs"))
+    (pair,) = choose_pairs(specified_chairs("test", 2), generator(0, "latent pairs"))
     classifier = load_views_network(VIEWS_WEIGHTS)
     _, strip = walk(load_network(method, "cpu", VIEW), classifier, pair, 0, positions)
     return strips_figure([strip], VIEW, width_in=width_in, fontsize=SMALL)
