@@ -136,7 +136,7 @@ FIGURES: Mapping[str, Callable[[], Figure]] = {
     "table5": partial(
         _draw_paper_classes, "thirteen-classes.csv", "fd-views", ("surface-apss", "pc2pix@all")
     ),
-    "beyond": partial(_draw_families, "beyond-networks.csv", (CHAIR, *OTHERS)),
+    "beyond": partial(_draw_families, "beyond-training.csv", (CHAIR, "fused-net", *OTHERS)),
     "trade": _draw_costs,
 }
 _LATENT = {"latent": partial(draw_path, "pc2pix", 4, _WIDTH_IN)}
