@@ -470,7 +470,8 @@ def test_a_machine_without_opengl(tmp_path):
 def test_defaults_are_those_of_the_suite():
     protocol = Protocol.from_options(Options("chair-robustness", fresh=True), dict)
     assert tuple(protocol.methods) == (
-        *("surface-apss", "alpha-wrap", "denoised-wrap", "pc2pix", "pc2pix@acgan"),
+        *("surface-apss", "alpha-wrap", "denoised-wrap", "splat-fill", "pc2pix"),
+        "pc2pix@acgan",
         *("splat-net", "splat-net@chair", "fused-net"),
         *("true-mesh", "true-mesh@grey", "constant", "blank"),
     )

@@ -29,8 +29,9 @@ from tests.bench.checking import broken_conditions
 from ..builders import file_bytes, refusal, stored_keys, watched
 
 STORED = Path(__file__).parents[1] / "data" / "stored-run"
-"""Made by commit d75c6426, its store in the format of since: six methods, of which one fails, and
-four conditions, of which one is broken, of two chairs from two views."""
+"""Made by commit d75c6426, its store in the format of since, its protocol, which keys do not hold,
+raised: six methods, of which one fails, and four conditions, of which one is broken, of two chairs
+from two views."""
 
 
 @pytest.fixture
