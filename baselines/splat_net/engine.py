@@ -11,6 +11,7 @@ import torch
 from torch import Tensor, nn
 
 from baselines.splat_net.network import PLANES, Block, SplatNet, shading_of
+from baselines.splat_net.sharpening import take_meshes
 from learning.convolution import Convolution, Precision, dtype_of, normalisation
 
 GROUP = 10  # images that pass together: in fewer, calls cost more
@@ -42,6 +43,8 @@ class FoldedSplatNet:
         layers = self.for_one if len(channels) == 1 else self.for_many
         output, albedo = layers(channels)
         planes = output.float().sigmoid_()
+        if self.network.config.inputs.meshes:
+            planes = take_meshes(planes, channels, self.network.config.inputs)
         alpha, missing = planes[:, 0], planes[:, 1:].expand(-1, 3, -1, -1)
         if albedo is not None:
             missing = 1 - shading_of(1 - missing) * albedo.float().sigmoid()[:, :, None, None]

@@ -163,21 +163,21 @@ class Projection:
         narrowest = widest = nearest
         width = 1
         for place, window in enumerate(inputs.windows):
-            window = _scaled(window, size)
-            widest, width = _spread(widest, window - width + 1, torch.minimum), window
+            window = scaled_window(window, size)
+            widest, width = spread(widest, window - width + 1, torch.minimum), window
             narrowest = widest if place == 0 else narrowest
             _nearness(_depth_of(widest), next(planes))
         if self.farthest is not None:
-            far = _spread(self.farthest[images], width, torch.maximum)
+            far = spread(self.farthest[images], width, torch.maximum)
             _nearness(far.abs(), next(planes))  # EMPTY where there is none
         if self.count is not None:
             count = self.count[images]
             torch.log1p(count, out=next(planes))
             for window in _DENSITY_WINDOWS[1:]:
-                torch.log1p(_spread(count, _scaled(window, size), torch.add), out=next(planes))
+                torch.log1p(spread(count, scaled_window(window, size), torch.add), out=next(planes))
         for depth, count in self.flat:
-            window = _scaled(inputs.windows[0], size)
-            _nearness(_spread(depth[images], window, torch.minimum), next(planes))
+            window = scaled_window(inputs.windows[0], size)
+            _nearness(spread(depth[images], window, torch.minimum), next(planes))
             torch.log1p(count[images], out=next(planes))
         whole[..., :normals] = apart.permute(0, 2, 3, 1)
         if self.attributes is not None:
@@ -193,7 +193,8 @@ class Projection:
         return whole.permute(0, 3, 1, 2)
 
 
-def _scaled(window: int, size: int) -> int:
+def scaled_window(window: int, size: int) -> int:
+    """Return the odd side of a window of `window` pixels at 128 px in images of another size."""
     return max(1, 2 * round((window * size / IMAGE_SIZE - 1) / 2) + 1)
 
 
@@ -263,7 +264,7 @@ class _Pixels:
         return table.unflatten(1, (wide, wide))[:, 1:-1, 1:-1]
 
 
-def _spread(plane: Tensor, window: int, combine: Callable[[Tensor, Tensor], Tensor]) -> Tensor:
+def spread(plane: Tensor, window: int, combine: Callable[[Tensor, Tensor], Tensor]) -> Tensor:
     """Return `combine` (minimum, maximum or add) over `window` x `window` pixels around each.
 
     Rows first, then columns, each from parts of 1, 2, 4, ... pixels, so that 9 take four steps.

@@ -1,0 +1,77 @@
+"""Sharp edges for networks that see meshes: where drawing and mesh agree, the mesh is taken.
+
+A network draws the mean of all images that are possible, so its outlines and creases are soft. A
+mesh of the cloud has sharp ones, and where it is wrong the network does not follow it. So a pixel
+in which both nearly agree becomes the mesh's, and one in which they do not stays as it is drawn.
+
+On 26 validation objects LPIPS falls by 12 % for 2,048 points, 11 % for 512 and 6 to 7 % under
+noise, and SSIM by .001 to .003. Shares that the network learned itself, by the error of the mixture
+or of each layer, came out near 0, and LPIPS stayed what it was.
+"""
+
+from __future__ import annotations
+
+import torch
+from torch import Tensor
+
+from baselines.splat_net.network import NEUTRAL
+from baselines.splat_net.projection import Inputs, scaled_window, spread
+from baselines.splat_net.surfels import HOPS
+from data_prep.rendering.raycast import GAMMA, MAPS
+
+# Differences of images, 0..1, at which a mesh has 1/e of a pixel. Shading is noisier than outlines.
+_OUTLINE, _SHADING = 40 / 255, 20 / 255
+_RIM = 5  # pixels, at 128 px: the window in which a mesh has an outline
+# The median variation of a cloud's first neighbourhoods, in units of the channel: of a clean one,
+# and of one with so much noise that the shading of its mesh is that of the noise.
+_CLEAN, _NOISY = 0.30, 0.38
+_NEARLY_NOTHING = 1e-6  # alpha of a pixel whose darkness does not matter
+
+
+def take_meshes(drawn: Tensor, channels: Tensor, inputs: Inputs) -> Tensor:
+    """Return alpha and darkness [P, 2, S, S] of a drawing with pixels of meshes.
+
+    drawn     [P, 2, S, S]: alpha, and 1 less the grey of what covers a pixel, 0..1
+    channels  [P, C, S, S] that the network saw
+
+    Of several meshes each pixel takes the one that is nearer to what is drawn.
+    """
+    maps = channels[:, inputs.of_points :].unflatten(1, (-1, len(MAPS)))
+    seen = maps[:, :, 0].flatten(2).amax(dim=(0, 2)) > 0
+    if not seen.any():
+        return drawn
+    cover, facing = (maps[:, seen, plane].float().contiguous() for plane in (0, -1))
+    darkness = 1 - NEUTRAL * facing.pow(1 / GAMMA)
+    differences = drawn[:, :1] * drawn[:, 1:] - cover * darkness
+    shares = _shares(differences, drawn[:, 0], cover, _clean(channels, inputs))
+    share, taken = shares.max(dim=1, keepdim=True)
+    cover, darkness = (plane.gather(1, taken) for plane in (cover, darkness))
+    alpha = drawn[:, :1].lerp(cover, share)
+    dark = (drawn[:, :1] * drawn[:, 1:]).lerp(cover * darkness, share)
+    return torch.cat([alpha, dark / alpha.clamp(min=_NEARLY_NOTHING)], dim=1)
+
+
+def _shares(differences: Tensor, alpha: Tensor, cover: Tensor, clean: Tensor) -> Tensor:
+    """Return the share of each mesh in each pixel, [P, meshes, S, S].
+
+    alpha [P, S, S] and cover [P, meshes, S, S] of drawing and meshes, clean [P, 1, 1, 1]
+    """
+    window = scaled_window(_RIM, cover.shape[-1])
+    planes = cover.flatten(0, 1)
+    most, least = (
+        spread(planes, window, combine).view_as(cover) for combine in (torch.maximum, torch.minimum)
+    )
+    # what the network leaves out is no outline: a piece that a mesh has beside the object
+    near = (spread(alpha, window, torch.maximum) > 0.5)[:, None]
+    outline = (-(differences / _OUTLINE).square()).exp()
+    shading = clean * (-(differences / _SHADING).square()).exp()
+    seen = cover.flatten(2).amax(dim=2)[:, :, None, None] > 0
+    return torch.where((most > 0.5) & (least < 0.5), outline, shading) * (seen & near)
+
+
+def _clean(channels: Tensor, inputs: Inputs) -> Tensor:
+    """Return how clean the clouds are, 0..1 [P, 1, 1, 1]: 1 where the network cannot know."""
+    if not inputs.noise:
+        return channels.new_ones(len(channels), 1, 1, 1, dtype=torch.float32)
+    noise = channels[:, inputs.names.index(f"noise {HOPS[0]}")].float().amax(dim=(1, 2))
+    return ((_NOISY - noise) / (_NOISY - _CLEAN)).clamp(0, 1)[:, None, None, None]
