@@ -71,6 +71,17 @@ def test_the_procedural_set_has_no_end_and_its_splits_share_no_object() -> None:
     assert bytes_of(novel.objects("chair", 1, 9)[0].load()) == bytes_of(mesh)
 
 
+@pytest.mark.parametrize("kind", ["widened", "relief"])
+def test_shapes_for_training_are_in_the_train_split_alone(kind: str) -> None:
+    dataset = open_dataset(f"procedural:{kind}")
+    first, second = dataset.objects("chair", 2, 9, "train")
+    assert first.object_id == f"{kind}-00000"
+    assert second.fingerprint() == f"procedural-1/chair/{kind}-00001"
+    assert bytes_of(first.load()) != bytes_of(second.load())
+    other = (ProceduralObject("chair", "validation", 0),)
+    assert dataset.objects("chair", 1, 9, "validation") == other
+
+
 def test_the_sealed_split_is_another_in_each_version_of_the_protocol(monkeypatch) -> None:
     prefix = f"sealed-{PROTOCOL_VERSION}-"
     assert ids(open_dataset("procedural:sealed"), "chair", 2) == [f"{prefix}0000", f"{prefix}0001"]
