@@ -3,11 +3,11 @@ that is refused, with its cause."""
 
 from __future__ import annotations
 
-import json
 import os
 import pickle
 import re
 import subprocess
+import sys
 from pathlib import Path
 
 import numpy as np
@@ -378,15 +378,15 @@ def test_walks_end_and_pass_by_links_pipes_devices_and_odd_names(tmp_path: Path)
 
 
 def test_deep_folders(tmp_path: Path) -> None:
-    depth = 1100  # beyond Python's limit of recursion
-    where = tmp_path
+    depth, limit = 320, sys.getrecursionlimit()
+    where = tmp_path / ("d/" * depth)
+    where.mkdir(parents=True)
+    plant(where, "a.obj")
+    sys.setrecursionlimit(300)
     try:
-        for _ in range(depth):
-            where = where / "d"
-            where.mkdir()
-        plant(where, "a.obj")
         assert ids(open_dataset(f"folder:{tmp_path}"), "d") == ["d/" * (depth - 1) + "a.obj"]
     finally:  # pytest's own way to clear up is recursive
+        sys.setrecursionlimit(limit)
         subprocess.run(["rm", "-rf", tmp_path / "d"], check=True)
 
 
@@ -456,19 +456,8 @@ REFUSED = [  # the dataset of a folder {}, its files, a pattern of what is said,
     ("modelnet:{}", MODELNET, "no table in the split 'train'", "table", "train"),
     ("paper:{}", ("shape_net_core_uniform_samples_2048/03001627/a.ply",),
      r"no split file here; expected chair_exp\.json or all_exp"),
-    *(
-        ("paper:{}", (*under("shape_net_core_uniform_samples_2048", f"{CHAIR}/a.ply"), file), says)
-        for file, says in (
-            (("chair_exp.json", "{"), r"chair_exp\.json: "),
-            (("chair_exp.json", json.dumps({CHAIR: {"train": [], "test": []}})), "name"),
-            (("chair_exp.json", f'{{"{CHAIR}": {{}}, "{CHAIR}": {{}}}}'), "is there twice"),
-            (("chair_exp.json",
-              json.dumps({CHAIR: {"name": "chair", "train": ["a"], "test": ["a"]}})),
-             "lists 'a' twice"),
-            (("chair_exp.json",
-              json.dumps({CHAIR: {"name": "chair", "train": [], "test": ["../a"]}})), "is a path"),
-        )
-    ),
+    ("paper:{}", (*under("shape_net_core_uniform_samples_2048", f"{CHAIR}/a.ply"),
+                  ("chair_exp.json", "{")), r"chair_exp\.json: not JSON that can be read"),
 ]  # fmt: skip
 
 

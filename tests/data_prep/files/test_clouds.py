@@ -344,7 +344,7 @@ WRITERS: dict[str, Callable[[np.ndarray], bytes]] = {
 
 
 @pytest.mark.parametrize("name", WRITERS)
-@settings(derandomize=True, max_examples=60, deadline=None, database=None)
+@settings(derandomize=True, max_examples=20, deadline=None, database=None)
 @given(points=arrays(np.float64, st.tuples(st.integers(1, 9), st.just(3)), elements=st.floats()))
 def test_whatever_is_written_is_read_to_the_bit(name: str, points: np.ndarray) -> None:
     points[np.isnan(points)] = np.nan  # a text has no payloads of NaN
