@@ -5,6 +5,8 @@ from __future__ import annotations
 import json
 import shlex
 import shutil
+import sqlite3
+from contextlib import closing
 from dataclasses import replace
 from hashlib import sha256
 
@@ -15,6 +17,7 @@ from safetensors.torch import save_file
 from bench.catalogue.method import ALLOWED
 from bench.metrics import inception_weights
 from bench.records.run_folder import set_aside, write_manifest
+from bench.records.store import STORE
 from bench.running.options import Options
 from data_prep.datasets.protocol_version import PROTOCOL_VERSION
 from data_prep.files.checksums import file_sha256
@@ -392,6 +395,37 @@ for other in OTHER_VERSIONS:
         line.replace("-N", f"-{other}"): f"{told}); {release}, {remedy}".replace("-N", f"-{other}")
         for line, remedy in OF_OTHER_PROTOCOLS.items()
     }
+OF_1 = (
+    "version 1.0.0 or earlier (schema {}, this one reads 5), which this one does not read; start it"
+)
+STORE_1 = """PRAGMA application_id = 0x70633270; PRAGMA user_version = 1;
+CREATE TABLE jobs (id INTEGER PRIMARY KEY, key TEXT NOT NULL UNIQUE, records BLOB NOT NULL);"""
+ONE_LESS = "DELETE FROM listed WHERE method = 'splat' AND condition = '512' AND object = 'a';"
+NAMES = ("methods", "conditions", "objects")
+# Copies of a finished run: what every reader says of it, entries of its manifest that are others or
+# none (None: it is gone), and what is done to its store (None: it is gone).
+PARTS: dict[str, tuple[str, dict | None, str | None]] = {
+    "no-manifest": ("no run here (manifest.json is missing); give a run's folder", None, ""),
+    "newer": (
+        "by a newer version (schema 6, this one reads up to 5);",
+        {"schema_version": 6},
+        "",
+    ),
+    "schema-4-run": (OF_1.format(4), {"schema_version": 4}, ""),
+    "no-protocol": (OF_1.format(5), {"protocol": None}, ""),
+    "no-names": (f"not a manifest (no {', '.join(NAMES)}); move", dict.fromkeys(NAMES), ""),
+    "no-store": ("no finished jobs in run.sqlite; the run is not finished, start it", {}, None),
+    "store-1": ("a store of version 1.0.0 or earlier, which this one does not read", {}, STORE_1),
+    "a-job-less": ("lists no job of splat 512 chair a (1 of ", {}, ONE_LESS),
+}
+for name, (says, _, store) in PARTS.items():
+    CASES |= {f"{command} {name}": says for command in ("table", "check", "report")}
+    CASES[f"recommend {name} --budget-ms 10"] = CASES[f"score {name} --metrics ms-ssim"] = says
+    CASES[f"compare {name} --methods splat,blank"] = says
+    if store == "":
+        CASES[f"merge {name} --out whole"] = says
+    if name in ("newer", "schema-4-run", "no-protocol", "no-names", "store-1"):
+        CASES[f"{ROBUSTNESS} --views 2 --device cpu --out {name}"] = says
 WITHOUT_GPU = [
     f"{ROBUSTNESS} --methods splat",
     f"{ROBUSTNESS} --ray local",
@@ -424,6 +458,19 @@ def folder(tmp_path_factory, tiny_weights):
     for version in OTHER_VERSIONS:
         shutil.copytree(run, folder / f"run-{version}")
         write_manifest(folder / f"run-{version}", manifest | {"protocol": version})
+    for name, (_, changes, store) in PARTS.items():
+        shutil.copytree(run, folder / name)
+        if changes is None:
+            (folder / name / "manifest.json").unlink()
+        else:
+            gone = {entry for entry in changes if changes[entry] is None}
+            kept = {k: v for k, v in (manifest | changes).items() if k not in gone}
+            write_manifest(folder / name, kept)
+        if store in (None, STORE_1):
+            (folder / name / STORE).unlink()
+        if store:
+            with closing(sqlite3.connect(folder / name / STORE)) as database, database:
+                database.executescript(store)
     return folder
 
 

@@ -9,6 +9,7 @@ from __future__ import annotations
 
 import hashlib
 from collections.abc import Iterable
+from dataclasses import replace
 
 import numpy as np
 import pytest
@@ -17,12 +18,13 @@ from data_prep.datasets.procedural import ReliefObject, WidenedObject
 from data_prep.datasets.registry import ProceduralObject
 from data_prep.randomness import generator
 from data_prep.scene import Mesh
-from data_prep.shapes.augmentation import exchanged_chair, varied_parts
+from data_prep.shapes.augmentation import Degenerate, deformed, exchanged_chair, varied_parts
 from data_prep.shapes.carving import carve_some
 from data_prep.shapes.catalogue import CLASSES, FAMILIES, NOVEL_FAMILIES
+from data_prep.shapes.deformations import Deformation
 from data_prep.shapes.free_forms import FORMS, free_form
 from data_prep.shapes.shape_class import Drawn
-from data_prep.shapes.solids import join
+from data_prep.shapes.solids import box, join, loft, rectangle, signed_volume, sweep
 
 OF_A_SPLIT, OF_A_FAMILY = 25, 8
 # The last bits of sine, cosine and matrix products depend on the processor, so meshes are not
@@ -58,6 +60,7 @@ RARE = {
     ("table", "frame"): "9ee2425c8b33e3f738b83c78c8599fbe261117d96288b122d2c932cf0e1d1c87",
     ("table", "pedestal"): "fce9fc904ef03746007918df11b25d2ac21df047ed0b478ccc501c1a0c43dca1",
 }
+GREY = (120, 121, 122)
 PAPER = (
     *("airplane", "bench", "cabinet", "car", "chair", "display", "lamp"),
     *("loudspeaker", "rifle", "sofa", "table", "telephone", "vessel"),
@@ -122,7 +125,7 @@ def parts_for_training() -> Iterable[Mesh]:
     """Yield free forms, exchanged parts of chairs, and varied parts that are carved."""
     rng = np.random.default_rng(3)
     for _ in range(12):
-        yield from (join(form(rng, (120, 121, 122))) for form in FORMS)
+        yield from (join(form(rng, GREY)) for form in FORMS)
         yield from (join(form(rng)) for form in (free_form, exchanged_chair))
     for shapes in (*CLASSES.values(), *CLASSES.values()):
         yield join(carve_some(varied_parts(shapes, rng), rng))
@@ -147,3 +150,39 @@ def test_shapes_for_training_are_pinned(kind: str) -> None:
         found.update((np.round(mesh.vertices.astype(np.float64), 4) + 0.0).tobytes())
         found.update(mesh.faces.astype(np.int32).tobytes() + mesh.face_colors.tobytes())
     assert found.hexdigest() == PINNED[kind]
+
+
+CUBE = box((0, 0, 0), (2, 2, 2), GREY)
+NOTHING = Deformation(np.ones(3), 0.0, 0.0, 0.0, 0.0, np.zeros((4, 4, 4, 3)))
+MIRROR = np.zeros((4, 4, 4, 3))
+MIRROR[..., 0] = -2.0 * np.linspace(-1, 1, 4)[:, None, None]  # x becomes -x
+NEAR = np.array([[0.1, -0.5, 0.1], [0.1, 0.5, 0.1]])
+
+
+def test_what_folds_or_becomes_flat_is_rejected() -> None:
+    """Which no pinned object does."""
+    for least, change in (
+        (0.0, {"taper": 2.0}),  # the determinant (1 + 2 y)^2 is 0 at -1/2
+        (-1.0, {"offsets": MIRROR}),
+    ):
+        deformation = replace(NOTHING, **change)
+        assert deformation.smallest_stretch(NEAR) == pytest.approx(least, abs=1e-9)
+        with pytest.raises(Degenerate, match="folded"):
+            deformed([CUBE], deformation)
+    with pytest.raises(Degenerate, match="flat"):
+        deformed([CUBE], replace(NOTHING, scale=np.array([1.0, 0.03, 1.0])))
+    (thin,) = deformed([CUBE], replace(NOTHING, scale=np.array([1.0, 0.1, 1.0])))
+    assert signed_volume(thin.vertices, thin.faces) == pytest.approx(8 * 0.1)
+
+
+def test_what_encloses_nothing_or_has_no_direction_is_refused() -> None:
+    for shape in ((1, 4, 3), (2, 2, 3), (2, 4, 2), (2, 4, 3)):
+        with pytest.raises(ValueError, match="rings"):
+            loft(np.zeros(shape), GREY)
+    for path, problem in (
+        ([(0, 0, 0), (0, 1, 0)], "up"),
+        ([(0, 0, 0), (1, 0, 0), (0.5, 0, 0)], "turns back on itself at point 1"),
+    ):
+        with pytest.raises(ValueError, match=problem):
+            sweep(path, rectangle(1, 1), GREY)
+    sweep([(0, 0, 0), (1, 0, 0), (0.5, 0.5, 0)], rectangle(0.1, 0.1), GREY)
