@@ -4,7 +4,6 @@ import io
 import os
 import signal
 import sqlite3
-import time
 import tracemalloc
 import zlib
 from contextlib import closing
@@ -386,35 +385,6 @@ def test_records_and_images_are_read_back_and_not_kept(tmp_path):
 
 
 # --- kills, full disks, and files of others -------------------------------------------------------
-
-
-def append_until_killed(directory, start, acknowledge):
-    with open_folder(directory) as store:
-        for number in range(10**6):
-            result = finish(make_job(method=f"{start}-{number}"))
-            store.append(result)
-            os.write(acknowledge, f"{result.key}\n".encode())
-
-
-@pytest.mark.slow
-def test_no_result_is_lost_to_a_hundred_kills(tmp_path):
-    """All keys that were acknowledged before a SIGKILL are there, with their images."""
-    acknowledged, rng = [], np.random.default_rng(0)
-    for start in range(100):
-        ours, theirs = os.pipe()
-        if (writer := os.fork()) == 0:
-            append_until_killed(tmp_path, start, theirs)
-        os.close(theirs)
-        time.sleep(rng.uniform(0.0, 0.2))
-        os.kill(writer, signal.SIGKILL)
-        os.waitpid(writer, 0)
-        with os.fdopen(ours) as pipe:
-            acknowledged += [line.strip() for line in pipe if line.endswith("\n")]
-    with open_folder(tmp_path) as store:
-        results = store.find(acknowledged)
-        assert results.keys() == {*acknowledged}
-        assert store.forget_damaged() == 0
-    assert len(acknowledged) > 200
 
 
 def leave_wal(directory, jobs):

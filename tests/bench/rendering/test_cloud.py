@@ -378,11 +378,7 @@ def test_the_remedy_is_named_where_points_may_be_too_many(cloud):
     ("method", "reason"),
     [
         ("fake-hang", "timeout: no result within 8 s"),
-        ("fake-segfault", "crash: the worker died (SIGSEGV)"),
         ("fake-memory-hog", "memory: the worker used more than 1 GiB"),
-        ("fake-exception", "ValueError: 12 of 34 parts are missing"),
-        ("fake-wrong-shape", "draw: images of shape (1, 64, 128, 3), expected (1, 128, 128, 3)"),
-        ("fake-nan", "draw: 384 pixel values are not finite"),
         ("fake-blank", "draw: 1 of 1 images are blank; 3 points are too few"),
         ("surface-apss", "input: 3 points; normals need at least 11"),
     ],

@@ -5,7 +5,6 @@ import multiprocessing
 import os
 import time
 from contextlib import closing
-from pathlib import Path
 
 import numpy as np
 import pytest
@@ -27,6 +26,7 @@ from bench.running.work import JobPool, run_job
 
 from .. import plugin_methods
 from ..builders import make_job, make_truth, true_images, views_of
+from .test_isolation import is_alive, wait_until
 
 pytestmark = pytest.mark.timing
 
@@ -53,21 +53,6 @@ def run_jobs(jobs, workers, limits, **options):
 def reasons(results):
     """Reasons by object, whose name ends the key of its job."""
     return {r.key.split()[-1]: r.reason for r in results}
-
-
-def is_alive(pid):
-    try:
-        stat = Path(f"/proc/{pid}/stat").read_text()
-    except OSError:
-        return False
-    return stat.rpartition(")")[2].split()[0] != "Z"  # a zombie waits for nobody but its parent
-
-
-def wait_until(condition):
-    deadline = time.monotonic() + 60
-    while not condition():
-        assert time.monotonic() < deadline
-        time.sleep(0.02)
 
 
 def test_bad_jobs_cost_their_own_records_only(jobs_for):

@@ -1,8 +1,6 @@
 from __future__ import annotations
 
-import json
 from dataclasses import dataclass, replace
-from hashlib import sha256
 
 import numpy as np
 import pytest
@@ -15,13 +13,13 @@ from bench.catalogue.lookup import find
 from bench.catalogue.methods import find_method
 from bench.catalogue.suites import SUITES, Limits, with_truth
 from bench.records.job import unpack
-from bench.records.record import GROUND_TRUTH, RECORDS_VERSION
+from bench.records.record import GROUND_TRUTH
 from bench.running.options import Options
-from bench.running.plan import SCORES_VERSION, plan
-from bench.running.protocol import Protocol, find_methods, method_identity, with_floor
+from bench.running.plan import plan
+from bench.running.protocol import Protocol, find_methods, with_floor
 from bench.running.work import cloud_of, run_job
 from data_prep.clouds.conditions import CONDITIONS, GaussianNoise
-from data_prep.datasets.registry import PROCEDURAL_VERSION, PaperObject, ProceduralObject
+from data_prep.datasets.registry import PaperObject, ProceduralObject
 from data_prep.failures import BadInput
 from data_prep.scene import View
 
@@ -84,19 +82,6 @@ def test_what_is_planned_and_in_which_order():
         assert job.reference is None  # until it is handed to a worker
     assert all(job.reference_key is None for job in truth_jobs)
     assert all(job.reference_key == truths[job.object].key for job in method_jobs)
-
-
-def test_keys_are_digests_of_the_whole_identity_as_json():
-    """Runs of earlier versions are gone on with: their keys were made of one list."""
-    job = plan(PROTOCOL)[0].method_jobs[0]
-    views = [[view.azimuth_deg, view.elevation_deg] for view in job.views]
-    identity = [
-        *(RECORDS_VERSION, PROCEDURAL_VERSION, "chair", "a", job.object.fingerprint(), views, 0),
-        *(sorted(PROTOCOL.feature_identity.items()), sorted(PROTOCOL.environment.items())),
-    ]
-    version = method_identity(find_method("splat"), "cpu")
-    whole = [job.suite, "splat", "2048", identity, version, repr(job.perturbation), SCORES_VERSION]
-    assert job.key == sha256(json.dumps(whole).encode()).hexdigest()
 
 
 def test_views_are_the_objects_own():
@@ -272,12 +257,6 @@ def test_two_conditions_of_equal_effect_are_two_items(monkeypatch):
     monkeypatch.setattr(bench.catalogue.conditions, "CONDITIONS", (*CONDITIONS, again))
     found = keys(conditions=("noise-0.10", "noise-again"))
     assert found["a", "splat", "noise-0.10"] != found["a", "splat", "noise-again"]
-
-
-def test_a_longer_run_begins_with_the_shorter_one():
-    objects = tuple(ProceduralObject("chair", "test", i) for i in range(3))
-    short, long = (keys(objects=chosen) for chosen in (objects[:2], objects))
-    assert short.items() < long.items()
 
 
 def test_the_floor_is_always_measured_once():

@@ -18,7 +18,7 @@ from data_prep.datasets.registry import ProceduralObject
 from data_prep.failures import MissingDependency
 from data_prep.rendering import mesh as by_size
 from data_prep.rendering import raycast
-from data_prep.rendering.camera import FOCAL_PX, camera_to_world, project
+from data_prep.rendering.camera import FOCAL_PX, project
 from data_prep.rendering.mesh import draw_mesh
 from data_prep.rendering.opengl import FAR, NEAR, SHEET_VIEWS, gl_renderer, render
 from data_prep.rendering.raycast import cast, surface_maps
@@ -203,57 +203,6 @@ def test_what_is_too_near_or_too_far_is_cut_off(draw: Callable, depth: float) ->
     (image,) = draw(walls, [FRONT])
     nearest = COLOUR if NEAR < depth < min(FAR, other) else (10, 20, 30)
     assert image[64, 64].tolist() == list(nearest)
-
-
-def first_hits(mesh: Mesh, view: View, pixels: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
-    """Face [N] first hit by the rays through pixels [N, 2], -1 for none, and how clearly first.
-
-    Intersections of lines and triangles after Möller and Trumbore (1997), in float64: nothing is
-    shared with the renderers but the pose. The second result is the distance to the next hit.
-    """
-    pose = camera_to_world(view)
-    rays = np.concatenate([(pixels - 64) / 232 * (1, -1), -np.ones((len(pixels), 1))], axis=1)
-    rays = rays @ pose[:3, :3].T
-    a, b, c = mesh.vertices.astype(np.float64)[mesh.faces].transpose(1, 0, 2)
-    ab, ac, start = b - a, c - a, pose[:3, 3] - a
-    # Scalar triple products, so that all rays times all faces are matrix products.
-    normal = np.cross(ab, ac)
-    with np.errstate(divide="ignore", invalid="ignore"):
-        scale = -1 / (rays @ normal.T)
-        u = (rays @ np.cross(ac, start).T) * scale
-        v = (rays @ np.cross(start, ab).T) * scale
-        t = (start * normal).sum(axis=1) * scale
-        t[~((u >= 0) & (v >= 0) & (u + v <= 1) & (t > 0))] = np.inf
-    order = np.argpartition(t, 1, axis=1)[:, :2]
-    nearest, second = np.sort(np.take_along_axis(t, order, axis=1), axis=1).T
-    face = np.where(np.isfinite(nearest), t.argmin(axis=1), -1)
-    return face, np.where(face >= 0, second - np.where(face >= 0, nearest, 0), np.inf)
-
-
-def test_first_hit_faces_agree_with_the_definition() -> None:
-    source, view = chair(np.random.default_rng(5)), View(-150, -35)
-    colors = np.random.default_rng(5).integers(0, 200, (len(source.faces), 3))
-    mesh = Mesh(source.vertices, source.faces, colors)
-    row, column = (k.ravel() for k in np.mgrid[1:127:3, 1:127:3])
-    centre = np.stack([column, row], axis=1) + 0.5
-    # A pixel is judged where its centre and its corners (0.51: the samples lie inside) agree.
-    corners = np.array([[-0.51, -0.51], [-0.51, 0.51], [0.51, -0.51], [0.51, 0.51]])
-    around = [first_hits(mesh, view, centre + shift) for shift in corners]
-    face, gap = first_hits(mesh, view, centre)
-    alike = np.all([other == face for other, _ in around], axis=0)
-    clear = np.min([gap, *(g for _, g in around)], axis=0) > 1e-3  # no two faces at one depth
-    judged = alike & clear
-    hit = judged & (face >= 0)
-    assert hit.sum() > 100
-    assert (judged & (face < 0)).sum() > 300
-    solid = trimesh.Trimesh(mesh.vertices, mesh.faces, process=False)
-    cosine = np.abs(solid.face_normals @ camera_to_world(view)[:3, 2])
-    shade = colors * cosine[:, None] ** (1 / 2.2)
-    steep = cosine[face] > 0.3  # LEVEL holds up to 70 degrees
-    for draw in (render, cast):
-        image = draw(mesh, [view])[0][row, column]
-        assert (image[judged & (face < 0)] == 255).all()
-        assert np.abs(image - shade[face])[hit & steep].max() <= LEVEL
 
 
 @pytest.mark.parametrize("index", range(2))
