@@ -7,7 +7,7 @@ from contextlib import contextmanager
 from bench.catalogue import conditions
 from data_prep.plugins import CONDITIONS, announced
 from tests.bench.checking import broken_conditions
-from tests.robustness.faulty_methods import announce
+from tests.bench.plugin_methods import announce
 
 CACHES = (announced, conditions.load_condition, conditions._planned_condition)
 

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import os
 import signal
+import time
 from contextlib import contextmanager
 from functools import partial
 
@@ -14,8 +15,8 @@ from bench.catalogue import methods
 from bench.catalogue.methods import Method
 from data_prep import plugins
 from data_prep.failures import BadInput, MissingDependency, StageFailure
+from data_prep.plugins import METHODS
 from data_prep.randomness import generator
-from tests.robustness.faulty_methods import FAULTS, Faulty, announce
 
 
 class Telling:
@@ -89,10 +90,6 @@ def load_check(check, device):
     return Telling(check)
 
 
-def load_faulty(fault, device):
-    return Faulty(Telling(), lambda points: fault)
-
-
 LOADED = []  # in a worker process
 
 
@@ -121,7 +118,40 @@ def patched_torch(points, views, rng, images):
     return images
 
 
+def hang(*_):
+    while True:
+        time.sleep(60)
+
+
+def segfault(*_):
+    os.kill(os.getpid(), signal.SIGSEGV)
+
+
+def memory_hog(*_):
+    kept = []
+    while True:
+        kept.append(np.ones(2**23))  # 64 MiB, touched
+
+
+def exception(*_):
+    raise ValueError("12 of 34 parts are missing\nand more of that")
+
+
+def wrong_shape(points, views, rng, images):
+    return images[:, :64]
+
+
+def nan(points, views, rng, images):
+    images[:, 64] = np.nan
+    return images
+
+
+def blank(points, views, rng, images):
+    return np.ones_like(images)
+
+
 CHECKS = (
+    *(hang, segfault, memory_hog, exception, wrong_shape, nan, blank),
     strict_numbers,
     patched_torch,
     no_library,
@@ -136,11 +166,22 @@ PLUGINS = {
     "fake-counted": load_counted,
     "fake-no-licence": no_licence,
     "fake-no-weights": no_weights,
-    **{f"fake-{fault}": partial(load_faulty, fault) for fault in FAULTS},
     **{f"fake-{c.__name__.strip('_').replace('_', '-')}": partial(load_check, c) for c in CHECKS},
 }
 for _id, _load in PLUGINS.items():
     globals()[_id.replace("-", "_")] = announced(_id, _load)
+
+
+def announce(folder, plugins, group=METHODS):
+    """Make a package in `folder` that announces plug-ins: id to "module:NAME".
+
+    It is found where `folder` is on `sys.path`, in spawned workers too.
+    """
+    info = folder / "fake-1.0.dist-info"
+    info.mkdir(parents=True)
+    (info / "METADATA").write_text("Metadata-Version: 2.1\nName: fake\nVersion: 1.0\n")
+    entries = "".join(f"{id_} = {place}\n" for id_, place in plugins.items())
+    (info / "entry_points.txt").write_text(f"[{group}]\n{entries}")
 
 
 @contextmanager

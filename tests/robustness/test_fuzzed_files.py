@@ -53,8 +53,6 @@ from tests.robustness.fuzzing import (
     write_case,
 )
 
-FEW = settings(derandomize=True, max_examples=14, deadline=None, database=None)
-MANY = settings(FEW, max_examples=150)  # of each format: some 2,000 files
 LONGEST_S, MOST_MIB = 10.0, 2048.0
 
 
@@ -81,21 +79,18 @@ def root():
         yield folder
 
 
+@pytest.mark.parametrize("examples", [14, pytest.param(150, marks=pytest.mark.slow)])
 @pytest.mark.parametrize("name", FORMATS)
-@FEW
-@given(rng=st.randoms(use_true_random=False))
-def test_mutated_files(name: str, rng: random.Random) -> None:
-    with playground() as root:
-        check(name, make_case(name, rng), root)
+def test_mutated_files(name: str, examples: int) -> None:
+    """Where many are read, some 2,000 files."""
 
+    @settings(derandomize=True, max_examples=examples, deadline=None, database=None)
+    @given(rng=st.randoms(use_true_random=False))
+    def read_mutated(rng: random.Random) -> None:
+        with playground() as root:
+            check(name, make_case(name, rng), root)
 
-@pytest.mark.slow
-@pytest.mark.parametrize("name", FORMATS)
-@MANY
-@given(rng=st.randoms(use_true_random=False))
-def test_many_mutated_files(name: str, rng: random.Random) -> None:
-    with playground() as root:
-        check(name, make_case(name, rng), root)
+    read_mutated()
 
 
 @pytest.mark.parametrize("name", FORMATS)

@@ -311,15 +311,6 @@ def test_another_package_is_found_by_the_command_itself(cloud, tmp_path):
     assert not (tmp_path / "out.png").exists()
 
 
-def test_axes_of_the_file(tmp_path):
-    path = tmp_path / "cloud.xyz"
-    np.savetxt(path, [[1, 2, 3], [-1, -2, -3]])
-    as_is = CloudFile(path, as_is=True, up="z").load().points
-    assert as_is.tolist() == [[-1, 3, 2], [1, -3, -2]]
-    front = CloudFile(path, as_is=True, up="z", front="x").load().points
-    assert front.tolist() == [[-2, 3, -1], [2, -3, 1]]
-
-
 def test_some_of_many_points(tmp_path):
     path = tmp_path / "cloud.npy"
     np.save(path, np.arange(3000.0).reshape(-1, 3))

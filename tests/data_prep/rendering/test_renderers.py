@@ -11,7 +11,6 @@ from collections.abc import Callable
 import numpy as np
 import pytest
 import trimesh
-from scipy.spatial import ConvexHull
 
 from bench.running.isolation import WORKER_ENVIRONMENT
 from data_prep.datasets.registry import ProceduralObject
@@ -151,33 +150,6 @@ def test_colours_at_shared_vertices_do_not_mix_and_the_nearer_facet_is_seen(draw
     front, back = draw(Mesh(corners, [[3, 4, 5], [0, 1, 2]], both), [FRONT, View(180, 0)])
     assert front[64, 64].tolist() == both[1]
     assert back[64, 64].tolist() == both[0]
-
-
-def hull_distance(points: np.ndarray) -> np.ndarray:
-    """Signed distance [128, 128] of the pixel centres to the convex hull of pixels [N, 2].
-
-    Outside it is the distance to the farthest edge's line, which is not more than the true one.
-    """
-    row, column = np.mgrid[:128, :128] + 0.5
-    lines = ConvexHull(points).equations  # unit normal pointing out, offset
-    return (
-        (lines[:, :2] @ [column.ravel(), row.ravel()] + lines[:, 2:]).max(axis=0).reshape(128, 128)
-    )
-
-
-@BOTH
-@pytest.mark.parametrize("view", VIEWS, ids=str)
-def test_silhouette_of_a_convex_mesh(draw: Callable, view: View) -> None:
-    cloud = np.random.default_rng(12).normal(size=(12, 3))
-    hull = trimesh.convex.convex_hull(0.9 * cloud / np.linalg.norm(cloud, axis=1).max())
-    mesh = colored(hull.vertices, hull.faces, (10, 20, 30))
-    pixels, _ = project(mesh.vertices, view)
-    distance = hull_distance(pixels)
-    (image,) = draw(mesh, [view])
-    assert (image[distance > CLEAR_PX] == 255).all()
-    assert (image[distance < -CLEAR_PX] <= (10, 20, 30)).all()
-    edge = image[np.abs(distance) < 0.1].mean()
-    assert 60 < edge < 195  # about half covered: no systematic shift of half a pixel
 
 
 @BOTH
