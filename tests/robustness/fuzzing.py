@@ -90,12 +90,6 @@ def image(mode: str = "RGB", size: tuple[int, int] = (4, 4)) -> bytes:
     return file.getvalue()
 
 
-@functools.cache
-def image_bomb() -> bytes:
-    """Return few bytes of many pixels."""
-    return image("1", (20_000, 10_000))
-
-
 def mesh_off() -> bytes:
     return f"OFF\n4 4 6\n{table(CORNERS.tolist())}{table(FACES, before='3 ')}".encode()
 

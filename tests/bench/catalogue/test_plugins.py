@@ -8,16 +8,22 @@ import pytest
 
 from bench.catalogue import methods
 from bench.catalogue.chosen import BEST_CLASSICAL
+from bench.catalogue.conditions import find_condition, load_condition
 from bench.catalogue.methods import METHODS, OUR_FAMILIES, find_method
 from bench.catalogue.plugins import find_metric
 from bench.records.record import GROUND_TRUTH
+from data_prep.clouds.conditions import CONDITIONS
 from data_prep.datasets import registry as datasets
 from data_prep.failures import BadInput
 from data_prep.plugins import OUR_KINDS, announced
 
+from ..plugin_conditions import CACHES
+
 MODULE = """
 from bench.catalogue.methods import Method
 from bench.catalogue.plugins import ImageMetric
+from data_prep.clouds.conditions import Condition, Unchanged
+CONDITION = Condition("good", Unchanged(), "a stranger's")
 METHOD = Method("good", lambda device: None, str, 3, "a stranger's")
 DOTTED = Method("good@v1.2", lambda device: None, str, 4, "no file, though it has a dot")
 OTHER_METHOD = Method("other-id", lambda device: None, str, 1, "")
@@ -51,19 +57,29 @@ other = stranger:OTHER_METRIC
 text = stranger:TEXT
 missing = stranger:MISSING
 a/b = stranger:SPACED
+[pc2pix_bench.conditions]
+noise-0.05 = stranger:CONDITION
+all = stranger:CONDITION
+Upper = stranger:CONDITION
+../x = stranger:CONDITION
+x--y = stranger:CONDITION
+x.y = stranger:CONDITION
+x-.5 = stranger:CONDITION
+other = stranger:CONDITION
+gone = no_such_module:CONDITION
 [pc2pix_bench.extractors]
 twice = stranger:METRIC
 [pc2pix_bench.datasets]
 folder = stranger:METRIC
 """
 SECOND = "[pc2pix_bench.methods]\ntwice = stranger:METHOD\n"
-FIND = {"method": find_method, "metric": find_metric}
+FIND = {"method": find_method, "metric": find_metric, "condition": load_condition}
 
 
 @pytest.fixture
 def no_stranger():
     """What has been looked up before is forgotten, and what is looked up here too."""
-    caches = announced, methods._plugin
+    caches = (*CACHES, methods._plugin)
     for cache in caches:
         cache.cache_clear()
     yield
@@ -101,10 +117,12 @@ def test_those_of_other_packages_are_found_listed_and_replace_none_of_ours(stran
     ours = "pc2pix-bench uses that id itself; rename it in that package"
     assert f"blank refused: method 'blank' of stranger: {ours}" in lines
     assert f"folder:PATH refused: dataset 'folder' of stranger: {ours}" in lines
+    assert f"noise-0.05 refused: condition 'noise-0.05' of stranger: {ours}" in lines
+    assert find_condition("noise-0.05") in CONDITIONS  # ours is run
     status, out, _ = command("doctor")
     assert status == 1
     assert f"FAIL other packages: method 'best-classical' of stranger: {ours}\n" in out
-    assert out.count("FAIL other packages: ") == 12
+    assert out.count("FAIL other packages: ") == 19
     status, _, err = command("test", "blank")
     assert (status, err) == (2, f"bench: method 'blank' of stranger: {ours}\n")
 
@@ -116,6 +134,7 @@ def test_ids_of_this_project_are_all_known():
 
 KEBAB = "an id is kebab-case (a-z, 0-9 and single hyphens), it names files; rename it in that"
 OURS = "pc2pix-bench uses that id itself; rename it in that package"
+NUMBERED = "an id is kebab-case (a-z, 0-9 and single hyphens, numbers like 0.05)"
 
 
 @pytest.mark.parametrize(
@@ -131,6 +150,14 @@ OURS = "pc2pix-bench uses that id itself; rename it in that package"
         ("metric", "missing", "stranger:MISSING cannot be loaded (AttributeError: "),
         *(("method", id_, KEBAB) for id_ in ("../x", "-x", "UPPER")),
         *(("method", id_, OURS) for id_ in ("ground-truth", "best-classical", "pc2pix@mine")),
+        *(("condition", id_, NUMBERED) for id_ in ("Upper", "../x", "x--y", "x.y", "x-.5")),
+        *(("condition", id_, OURS) for id_ in ("noise-0.05", "all")),
+        (
+            "condition",
+            "other",
+            "stranger:CONDITION is not a data_prep.clouds.conditions.Condit",
+        ),
+        ("condition", "gone", "no_such_module:CONDITION cannot be loaded (ModuleNotFoundError: "),
         ("metric", "a/b", KEBAB),
         ("metric", "ssim", OURS),
         ("metric", "twice", "there can be one of that id; rename or remove the others"),
@@ -146,7 +173,7 @@ def test_what_a_package_announces_and_has_not_is_refused_by_name(stranger, kind,
     remedies = "; fix or remove that package", "; rename it in that package", "the others"
     assert message.endswith(remedies)
     with pytest.raises(BadInput, match=f"unknown {kind} 'goods': "):
-        FIND[kind]("goods")
+        (find_condition if kind == "condition" else FIND[kind])("goods")
 
 
 def test_without_other_packages_there_are_ours_only(no_stranger):

@@ -9,7 +9,6 @@ import sys
 
 import pytest
 
-from bench.records.record import SCHEMA_VERSION
 from bench.records.run_folder import (
     MANIFEST,
     check_directory,
@@ -119,35 +118,6 @@ def test_a_run_of_another_truth_is_refused_by_name(tmp_path):
         )
 
 
-def test_a_newer_run_is_refused_everywhere(tmp_path):
-    write_manifest(tmp_path, make_manifest(schema_version=SCHEMA_VERSION + 1))
-    for read in (read_manifest, read_finished, lambda path: check_directory(path, make_manifest())):
-        assert refusal(read, tmp_path).startswith(
-            f"{tmp_path}: written by a newer version (schema {SCHEMA_VERSION + 1}, this one reads "
-            f"up to {SCHEMA_VERSION}); update"
-        )
-
-
-@pytest.mark.parametrize("refuse", [lambda p: check_directory(p, make_manifest()), set_aside])
-def test_other_peoples_directories_are_left_alone(tmp_path, refuse):
-    (tmp_path / "thesis.tex").touch()
-    assert refusal(refuse, tmp_path) == f"{tmp_path}: not empty and not a run; give a new --out"
-    file = tmp_path / "thesis.tex"
-    assert refusal(refuse, file) == f"{file}: is a file; give a folder with --out"
-    assert file.exists()
-
-
-@pytest.mark.parametrize("read", [read_manifest, read_finished])
-def test_no_manifest(tmp_path, read):
-    (tmp_path / "file").touch()
-    for place in (tmp_path, tmp_path / "file"):
-        assert refusal(read, place) == (
-            f"{place}: no run here (manifest.json is missing); give a run's folder"
-        )
-    nowhere = tmp_path / "nowhere"
-    assert refusal(read, nowhere) == f"{nowhere}: no such folder; give a run's folder"
-
-
 def without(name):
     return json.dumps({key: value for key, value in make_manifest().items() if key != name})
 
@@ -186,13 +156,6 @@ def test_links_that_lead_out_and_pipes_are_refused(tmp_path, name):
     (run / name).unlink()
     os.mkfifo(run / name)
     assert f"{name}: no regular file but a pipe or device" in refusal(read_manifest, run)
-
-
-def test_a_run_that_was_stopped_is_not_finished(tmp_path):
-    write_manifest(tmp_path, make_manifest(finished=None))
-    assert refusal(read_finished, tmp_path) == (
-        f"{tmp_path}: the run is not finished; start it again with its command"
-    )
 
 
 def test_manifests_are_kept_to_the_letter(tmp_path):

@@ -13,9 +13,7 @@ from bench.catalogue.conditions import (
     MOST_POINTS,
     OUR_CONDITIONS,
     find_condition,
-    load_condition,
 )
-from bench.catalogue.plugins import plugin_problems
 from bench.records.run_folder import CONDITION_IDENTITIES, read_manifest
 from bench.running.export import export
 from bench.running.options import Options
@@ -64,41 +62,6 @@ def test_it_is_found_by_its_id_and_its_perturbation_by_that_id(package):
         repr(found.perturbation) == "PluginPerturbation(condition='good', key=\"Moved(fault='')\")"
     )
     assert find_condition("2048") is CONDITIONS[0]
-
-
-ANNOUNCED = {  # by id: the reason of its refusal
-    "noise-0.05": "pc2pix-bench uses that id itself; rename it in that package",
-    "all": "pc2pix-bench uses that id itself; rename it in that package",
-    "Upper": "an id is kebab-case (a-z, 0-9 and single hyphens, numbers like 0.05)",
-    "../x": "an id is kebab-case",
-    "x--y": "an id is kebab-case",
-    "x.y": "an id is kebab-case",
-    "x-.5": "an id is kebab-case",
-    "other": "is not a data_prep.clouds.conditions.Condition with that id; fix or remove",
-    "gone": "cannot be loaded (ModuleNotFoundError: ",
-}
-
-
-def test_ids_that_are_refused_are_named_with_the_reason(tmp_path, monkeypatch, command):
-    module = plugin_conditions.broken_conditions.__name__
-    entries = dict.fromkeys(ANNOUNCED, f"{module}:GOOD") | {"gone": "no_such_module:GOOD"}
-    with plugin_conditions.installed(tmp_path, monkeypatch, entries):
-        for id_, reason in ANNOUNCED.items():
-            with pytest.raises(BadInput, match=r"^condition '") as error:
-                load_condition(id_)
-            assert reason in str(error.value)
-            assert "fake" in str(error.value)  # the package
-        status, out, _ = command("list", "conditions")
-        assert status == 0
-        out = " ".join(out.split())
-        assert " other of another installed package " in out
-        assert " noise-0.05 refused: condition 'noise-0.05' of fake: pc2pix" in out
-        problems = plugin_problems()  # of `bench doctor`
-        assert sum(problem.startswith("condition ") for problem in problems) == 7
-        status, _, err = command("test", "x.y")
-        assert (status, err.partition(":")[0]) == (2, "bench")
-        assert "condition 'x.y' of fake: an id is kebab-case" in err
-        assert find_condition("noise-0.05") in CONDITIONS  # ours is run
 
 
 def test_every_id_of_this_project_is_kept():

@@ -49,17 +49,6 @@ def test_the_papers_clouds_are_version_1_in_blender() -> None:
     assert np.array_equal(PAPER.to_ours(in_blender), SHAPENET_V1.to_ours(v1))
 
 
-def test_z_up_as_scans_have_it():
-    """East x, north y, up z: one who looks north sees the front, with east on the right.
-
-    At azimuth 0 our camera stands on -Z and sees -X on its right.
-    """
-    east, north, top = upright(np.eye(3), "z")
-    assert east.tolist() == [-1, 0, 0]
-    assert north.tolist() == [0, 0, 1]
-    assert top.tolist() == [0, 1, 0]
-
-
 def test_every_pair_of_axes_is_a_turn():
     pairs = [(up, front) for up in AXES for front in AXES if up[-1] != front[-1]]
     turns = {axes: upright(np.eye(3), *axes) for axes in pairs}
