@@ -24,6 +24,7 @@ from data_prep.files.checksums import file_sha256
 from learning.weights import FILES as WEIGHTS
 
 from ..builders import make_manifest, write_run
+from .refused_rendering import RENDERING
 
 OLDER, NEWER = PROTOCOL_VERSION - 1, PROTOCOL_VERSION + 1
 OTHER_VERSIONS = (*range(1, PROTOCOL_VERSION), NEWER)
@@ -85,6 +86,9 @@ FILES = {
     "xml.toml": "format = 'xml'",
     "yaml.toml": "suite: x",
     "unknown.toml": "suite = 'no-such-suite'\ndry-run = true\n",
+    **dict.fromkeys(("clouds/a.xyz", "clouds/more/b.xyz", "other/a.xyz"), "0 0 0\n1 0 0\n0 1 0\n"),
+    "equal.xyz": "1 2 3\n1 2 3\n",
+    **dict.fromkeys(("folder.png/x", "nothing/x"), ""),
     "brace.json": "{",
     "list.json": "[]",
     "empty.json": "{}",
@@ -327,17 +331,7 @@ CASES: dict[str, str] = {
     "train judge --objects 47": "--objects 47 --views 16 --steps 3000: give at least 48 objects",
     "train judge --objects 48 --views 1": "--objects 48 --views 1 --steps 3000: give at least 48 o",
 }
-CASES |= {
-    f"render cloud.xyz {options}": problem
-    for options, problem in {
-        "--budget 50ms --method splat": "budget 50ms: it chooses the method, and splat is named",
-        "--budget 0.1ms": "budget 0.1ms: the cheapest method is splat with 4.6 ms for one image",
-        "--budget 50": "budget 50: give a time over 0 with its unit, as in 50ms or 0.2s",
-        "--colour invented --method surface-fit": "method 'surface-fit' draws in grey",
-        "--colour invented --budget 50ms": "budget 50ms: the methods that it chooses",
-        "--colour file --budget 1s": "method 'fused-net@grey' does not draw the",
-    }.items()
-}
+CASES |= RENDERING
 NO_GOLDEN = "no file of golden values of this version; 'bench check DIR --bless "
 CASES |= {
     "check run --golden gone.json": "gone.json: no such file",

@@ -98,30 +98,6 @@ def test_a_worker_loads_a_method_once(plugins, clouds):
         assert images[0, 0, 0].tolist() == [1, 1, 1]
 
 
-def test_what_cannot_be_drawn_into_a_folder_is_refused_before_anything_is_drawn(
-    refused, clouds, tmp_path
-):
-    out, cloud = tmp_path / "images", clouds / "a.ply"
-    other, nothing = tmp_path / "other", tmp_path / "nothing"
-    save_ply(POINTS, other / "a.ply")
-    nothing.mkdir()
-    both = f"{cloud} and {other}/a.ply would both be drawn as {out}/a.png; rename one, or draw "
-    for arguments, problem in (
-        ((clouds, other, "-o", out), both),
-        ((cloud, tmp_path / "gone.ply", "-o", out), f"{tmp_path}/gone.ply: no such file; check"),
-        ((cloud, tmp_path / "a.obj", "-o", out), f"{tmp_path}/a.obj: .obj is a mesh, not a "),
-        ((nothing, "-o", out), f"{nothing}: no clouds in this folder; give one with .ply, "),
-        ((cloud, other), f"{cloud}: one of several clouds; give a folder for the images, -o "),
-        ((clouds, "-o", tmp_path / "x.gif"), f"{tmp_path}/x.gif: one name for several clouds; "),
-        ((clouds, "-o", cloud), f"{cloud}: a file; give the folder of the images"),
-        ((clouds, "-o", tmp_path / "new" / "x"), f"{tmp_path}/new/x: no such folder, {tmp_path}/"),
-        ((clouds, "-o", out, "--frames", "9"), f"--frames 9: {out}/a.png is one image; give a t"),
-        ((clouds, "-o", out, "--method", "splta"), "unknown method 'splta': did you mean "),
-    ):
-        assert refused("render", *arguments).startswith(problem)
-    assert not out.exists()
-
-
 def test_two_clouds_of_a_folder_with_one_name(clouds, tmp_path):
     save_ply(POINTS, clouds / "more" / "a.ply")
     with pytest.raises(BadInput, match=r"more/a\.npy and .*more/a\.ply would both be drawn as "):

@@ -1,0 +1,72 @@
+"""What `bench render` refuses: command lines, and what their one line says."""
+
+RENDERING: dict[str, str] = {
+    f"render cloud.xyz {options}": problem
+    for options, problem in {
+        "--budget 50ms --method splat": "budget 50ms: it chooses the method, and splat is named",
+        "--budget 0.1ms": "budget 0.1ms: the cheapest method is splat with 4.6 ms for one image",
+        "--budget 50": "budget 50: give a time over 0 with its unit, as in 50ms or 0.2s",
+        "--colour invented --method surface-fit": "method 'surface-fit' draws in grey",
+        "--colour invented --budget 50ms": "budget 50ms: the methods that it chooses",
+        "--colour file --budget 1s": "method 'fused-net@grey' does not draw the",
+    }.items()
+}
+WRITTEN = "images are written as PNG or JPEG, turntables as GIF, WebP or APNG; give a name that"
+RENDERING |= {
+    f"render cloud.xyz --method blank -o out.png {options}": problem
+    for options, problem in {
+        "--method splta": "unknown method 'splta': did you mean 'splat'? there are ",
+        "--method blank,splta": "unknown method 'splta': did you mean 'splat'?",
+        "--method ' , '": "' , ': expected names separated by commas",
+        "--method true-mesh": "method 'true-mesh' draws the mesh behind a cloud, and bare ",
+        "--azimuth inf": "no such view: azimuth_deg must be finite, got inf",
+        "--azimuth 0,left": "'0,left': no angles; give degrees separated by commas, as in",
+        "--azimuth 0,90 -o a.gif": "a.gif: a turntable, which starts at one azimuth; ",
+        "--elevation 91": "no such view: elevation_deg must lie in -90..90, got 91.0",
+        "--elevation nan": "no such view: elevation_deg must lie in -90..90, got nan",
+        "--format bmp": "Invalid value for '--format': 'bmp' is not one of 'png', 'jpg', ",
+        "--up w": "up 'w': no axis; give one of x, -x, y, -y, z, -z",
+        "--up z --front=-z": "front '-z': along up, which is 'z'; give one of x, ",
+        "--points 0": "--points 0: must be at least 1",
+        "--frames 12": "--frames 12: out.png is one image; give a turntable's name, .g",
+        "--frames 0 -o turn.gif": "--frames 0: must be 1 to 120",
+        "--frames 121 -o turn.gif": "--frames 121: must be 1 to 120",
+        "-o meshes": f"meshes: {WRITTEN}",
+        "-o out.bmp": f"out.bmp: {WRITTEN} ends in .png, .jpg, .gif, .webp or .apng",
+        "-o folder.png": "folder.png: a folder; give another -o",
+        "-o new/out.png": "new/out.png: no such folder, new; make it, or give another -o",
+        "--size 15": "--size 15: must be 16 to 2048",
+        "--size 2049": "--size 2049: must be 16 to 2048",
+        "--size 640x480": "--size 640x480: images are square, as the unit sphere just fits",
+        "--size big": "--size big: no whole number of pixels; give one, as in 512",
+        "--size 512px": "--size 512px: no whole number of pixels; give one, as in 512",
+        "--size 1000 -o a.gif": "--size 1000: at most 965 with 36 images; give less",
+        "--size 2048 --azimuth 1,2,3,4,5,6,7,8,9": "--size 2048: at most 1930 with 9 i",
+        "--size 64 --method splat,blank": "--size 64: a sheet of several methods has ",
+        "--background black": "Invalid value for '--background': 'black' is not one of ",
+        "--background transparent -o a.gif": "a.gif: a GIF has no opacity of its pixels; give a na",
+        "--background transparent -o a.jpg": "a.jpg: a JPEG has no opacity of its",
+        "--background transparent --method splat,blank": "transparent: a sheet is white; give one",
+    }.items()
+}
+BOTH = "clouds/a.xyz and other/a.xyz would both be drawn as images/a.png; rename one, or draw "
+RENDERING |= {
+    f"render {words}": problem
+    for words, problem in {
+        ".": ".: a folder; give a folder for the images, -o FOLDER",
+        "gone.ply": "gone.ply: no such file; check its name",
+        "gone/gone.ply": "gone/gone.ply: no such file; check its name",
+        "points.obj": ".obj is a mesh, not a point cloud; save points of its surface (docs/rend",
+        "'a\nb'": "a\\nb: a name without a suffix is not supported as a point cloud; use one of ",
+        "equal.xyz -o out.png": "equal.xyz: all 2 points are equal, at [1.0, 2.0, 3.0]; a ",
+        "clouds other -o images": BOTH,
+        "cloud.xyz gone.ply -o images": "gone.ply: no such file; check",
+        "cloud.xyz a.obj -o images": "a.obj: .obj is a mesh, not a ",
+        "nothing -o images": "nothing: no clouds in this folder (it has x); give one with .ply, ",
+        "cloud.xyz clouds": "cloud.xyz: one of several clouds; give a folder for the images, -o ",
+        "clouds -o x.gif": "x.gif: one name for several clouds; ",
+        "clouds -o cloud.xyz": "cloud.xyz: a file; give the folder of the images",
+        "clouds -o new/x": "new/x: no such folder, new",
+        "clouds -o images --frames 9": "--frames 9: images/a.png is one image; give a t",
+    }.items()
+}
