@@ -166,15 +166,6 @@ def score(truth, drawn):
     return recall[0], precision[0]
 
 
-@pytest.mark.parametrize("upright", [False, True])
-@pytest.mark.parametrize(("width", "is_thin"), [(1, True), (3, True), (4, False)])
-def test_bars_along_the_axes(width, is_thin, upright):
-    bar = box(40, 40 + width, 20, 90)
-    bar = bar.T if upright else bar
-    actual = thin(bar[None])[0]
-    assert np.array_equal(actual, bar) if is_thin else not actual.any()
-
-
 def test_what_is_thin_agrees_with_scipy():
     """The opening and the groups, on random blobs that touch the frame."""
     rng = np.random.default_rng(0)
