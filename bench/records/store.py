@@ -438,7 +438,7 @@ def open_store(directory: Path, *, write: bool = False) -> Iterator[Store]:
 def _connect(path: Path, *, write: bool) -> sqlite3.Connection:
     """Return a connection to a store; in memory, to an empty one, where there is none to read."""
     if write:
-        connection = _limited(sqlite3.connect(path, PATIENCE_S, isolation_level=None))
+        connection = _limited(sqlite3.connect(path, timeout=PATIENCE_S, isolation_level=None))
         if not _is_store(path, connection):
             connection.execute(f"PRAGMA application_id = {_APPLICATION_ID}")
             connection.execute(f"PRAGMA user_version = {_STORE_VERSION}")
@@ -450,7 +450,9 @@ def _connect(path: Path, *, write: bool) -> sqlite3.Connection:
         # What a process that died has left of its first transactions is taken back.
         mode = "rw" if path.with_name(f"{STORE}-journal").exists() else "ro"
         uri = f"{path.absolute().as_uri()}?mode={mode}"
-        connection = _limited(sqlite3.connect(uri, PATIENCE_S, isolation_level=None, uri=True))
+        connection = _limited(
+            sqlite3.connect(uri, timeout=PATIENCE_S, isolation_level=None, uri=True)
+        )
         if _is_store(path, connection):
             return connection
         connection.close()
