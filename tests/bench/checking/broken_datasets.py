@@ -124,7 +124,7 @@ FAULTS = {
     "PRINTS_WHERE_READ": ("stdout", "commands print their results there", True),
     "HASH_ORDER": ("another process", "not the same objects in the same order in", True),
     "SHRINKS": ("identity", "4 objects, and 3 or others when it is opened again", True),
-    "LOCAL": ("pickling", "Can't pickle", True),
+    "LOCAL": ("pickling", "local object", True),
     "REFUSES": ("identity", "list.csv: no such list; make one", True),
     "A_LIST": ("identity", "gives no Dataset", True),
     "EMPTY": ("identity", "no chair in the split 'test'", True),
