@@ -14,7 +14,7 @@ import numpy as np
 import pandas as pd
 
 from bench.analysis.digits import prints_better
-from bench.analysis.intervals import clipped, distance_interval, mean_interval, median_interval
+from bench.analysis.intervals import clipped, mean_interval, median_interval
 from bench.catalogue.images import ENTERED
 from bench.catalogue.methods import FLOOR, role
 from bench.catalogue.metrics import is_mean, value_range
@@ -152,7 +152,7 @@ def _distances(
     if len(images) < 2:
         return [(NAN, NAN, NAN, np.full(len(objects), NAN))] * len(methods)
     distances = (features.distance((method, *cell), images) for method in methods)
-    return [(value, *distance_interval(value, without), without) for value, without in distances]
+    return [(d.value, *d.interval, d.leave_one_out) for d in distances]
 
 
 def pooled(compared: pd.DataFrame) -> pd.DataFrame:

@@ -3,15 +3,14 @@
 from __future__ import annotations
 
 from bisect import bisect_left, bisect_right
-from collections.abc import Callable, Mapping, Sequence, Set
+from collections.abc import Callable, Mapping, Sequence
 from typing import Any, NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
 
-from bench.analysis.intervals import debiased, distance_interval, jackknife_interval
+from bench.analysis.intervals import clipped, debiased, jackknife_interval
 from bench.catalogue.methods import FLOOR, known_method
-from bench.catalogue.metrics import KERNEL_METRICS
 from bench.metrics.frechet import (
     EXACT_OBJECTS,
     GroupedMoments,
@@ -31,10 +30,22 @@ ROWS = 4096  # features of many objects that are in memory at a time
 
 
 class Distance(NamedTuple):
-    """A distance, and the distances without each block of objects [g]."""
+    """A distance, those without each block of objects [g], and whether it is a kernel distance."""
 
     value: float
     leave_one_out: Floats
+    kernel: bool = False
+
+    @property
+    def interval(self) -> tuple[float, float]:
+        """Return the 95 % interval over objects. A Fréchet distance is never below 0."""
+        interval = jackknife_interval(self.value, [self.leave_one_out])
+        return clipped(interval, (-np.inf if self.kernel else 0.0, np.inf))
+
+    @property
+    def debiased(self) -> float:
+        """Return the distance of infinitely many objects; NaN for a kernel's, which has no bias."""
+        return float("nan") if self.kernel else debiased(self.value, self.leave_one_out)
 
 
 class FeatureDistances:
@@ -48,11 +59,8 @@ class FeatureDistances:
         self._features = features
         self._images: dict[CellKey, tuple[ImageKey, ...]] = {}
         self._sets: dict[tuple[ImageKey, ...], tuple[ImageKey, ...]] = {}  # alike in most cells
-        self._distances: dict[tuple[CellKey, tuple[ImageKey, ...]], Distance] = {}
-        self._truth: tuple[tuple[str, tuple[ImageKey, ...]], JackknifeMoments] | None = None
-        self._true_groups: tuple[tuple[str, tuple[ImageKey, ...]], GroupedMoments] | None = None
-        self._kernel_distances: dict[tuple[CellKey, tuple[ImageKey, ...]], Distance] = {}
-        self._true_kernels: tuple[tuple[str, tuple[ImageKey, ...]], KernelSet] | None = None
+        self._distances: dict[tuple[CellKey, tuple[ImageKey, ...], bool], Distance] = {}
+        self._truths: dict[Any, tuple[object, Any]] = {}
 
     def images(self, method: str, condition: str, class_name: str) -> list[ImageKey]:
         """Return the images of a cell, sorted; none for a cell that the run does not have."""
@@ -70,92 +78,30 @@ class FeatureDistances:
         """Return the features of `images`, [n, d]. Raises KeyError for an unknown image."""
         return self._features.of(method, condition, class_name, images)
 
-    def distance(self, cell: CellKey, images: Sequence[ImageKey]) -> Distance:
-        """Return the Fréchet distance between at least two images of a cell and the true ones.
+    def distance(self, cell: CellKey, images: Sequence[ImageKey], kernel: bool = False) -> Distance:
+        """Return the distance between at least two images of a cell and the true ones.
 
-        Images that the method has not drawn are replaced by the blank ones. Raises KeyError for an
-        image that neither has. Only the features of this cell and of the truth are in memory.
+        It is Fréchet's or, where `kernel`, that by kernels, for which all features of these images
+        and of the true ones are in memory. Images that the method has not drawn are replaced by the
+        blank ones. Raises KeyError for an image that neither has.
         """
-        key = self._key(cell, images)
-        if key not in self._distances:
-            _, shown = key
-            names = {obj for obj, _ in shown}
-            if len(names) <= EXACT_OBJECTS:
-                self._distances[key] = self._leave_one_out(cell, shown)
-            else:
-                self._distances[key] = self._leave_groups_out(cell, shown, names)
-        return self._distances[key]
-
-    def _key(
-        self, cell: CellKey, images: Sequence[ImageKey]
-    ) -> tuple[CellKey, tuple[ImageKey, ...]]:
-        """Return the key of the distance of images of a cell."""
         method, _, class_name = cell
         shown = tuple(images)
         shown = self._sets.setdefault(shown, shown)
         known = known_method(method)
         sees_cloud = known is None or known.sees_cloud  # else all conditions have the same images
-        return (cell if sees_cloud else (method, "", class_name)), shown
-
-    def _leave_one_out(self, cell: CellKey, shown: tuple[ImageKey, ...]) -> Distance:
-        objects = np.array([obj for obj, _ in shown])
-        truth = self._true_moments(cell[2], shown, objects)
-        drawn = JackknifeMoments(self.filled(cell, shown), objects)
-        value = centred_to_frechet(drawn.whole, truth.whole)
-        return Distance(value, left_out_distances(drawn, truth))
-
-    def _leave_groups_out(
-        self, cell: CellKey, shown: tuple[ImageKey, ...], names: Set[str]
-    ) -> Distance:
-        """Return the distance of many objects, of whose features ROWS are in memory at a time."""
-        key = cell[2], shown
-        by_name, group = object_blocks(np.array(list(names)))
-        group_of = dict(zip(by_name.tolist(), group.tolist(), strict=True))
-        if self._true_groups is None or self._true_groups[0] != key:
-            truth = self._grouped((GROUND_TRUTH, "", cell[2]), shown, group_of)
-            self._true_groups = key, truth
-        return Distance(
-            *grouped_distances(self._grouped(cell, shown, group_of), self._true_groups[1])
-        )
-
-    def _grouped(
-        self, cell: CellKey, shown: tuple[ImageKey, ...], group_of: Mapping[str, int]
-    ) -> GroupedMoments:
-        moments = GroupedMoments(1 + max(group_of.values()))
-        for start in range(0, len(shown), ROWS):
-            part = shown[start : start + ROWS]
-            groups = np.array([group_of[obj] for obj, _ in part])
-            moments.add(self.filled(cell, part), groups)
-        return moments
-
-    def _true_moments(
-        self, class_name: str, shown: tuple[ImageKey, ...], objects: NDArray[Any]
-    ) -> JackknifeMoments:
-        # Only the last one is kept: the cells of a class follow each other.
-        if self._truth is None or self._truth[0] != (class_name, shown):
-            values = self._features.of(GROUND_TRUTH, "", class_name, shown)
-            self._truth = (class_name, shown), JackknifeMoments(values, objects)
-        return self._truth[1]
-
-    def kernel_distance(self, cell: CellKey, images: Sequence[ImageKey]) -> Distance:
-        """Return the kernel distance between images of a cell and the true ones, as `distance`.
-
-        All features of these images and of the true ones are in memory.
-        """
-        key = self._key(cell, images)
-        if key not in self._kernel_distances:
-            _, shown = key
-            names, block = object_blocks(np.array([obj for obj, _ in shown]))
-            block_of = dict(zip(names.tolist(), block.tolist(), strict=True))
-            member, count = np.array([block_of[obj] for obj, _ in shown]), 1 + int(block.max())
-            drawn = KernelSet(self.filled(cell, shown), member, count)
-            of_class = cell[2], shown
-            if self._true_kernels is None or self._true_kernels[0] != of_class:
-                true = self._features.of(GROUND_TRUTH, "", cell[2], shown)
-                self._true_kernels = of_class, KernelSet(true, member, count)
-            truth = self._true_kernels[1]
-            self._kernel_distances[key] = Distance(*kernel_distances(drawn, truth))
-        return self._kernel_distances[key]
+        key = cell if sees_cloud else (method, "", class_name), shown, kernel
+        if key not in self._distances:
+            few = len({obj for obj, _ in shown}) <= EXACT_OBJECTS
+            summary = _kernels if kernel else _moments if few else _grouped
+            # Only the last of a kind is kept: the cells of a class follow each other.
+            if self._truths.get(summary, (None,))[0] != (class_name, shown):
+                truth = summary(self, (GROUND_TRUTH, "", class_name), shown)
+                self._truths[summary] = (class_name, shown), truth
+            drawn = summary(self, cell, shown)
+            between = _BETWEEN[summary](drawn, self._truths[summary][1])
+            self._distances[key] = Distance(*between, kernel)
+        return self._distances[key]
 
     def filled(self, cell: CellKey, images: Sequence[ImageKey]) -> NDArray[Any]:
         """Return features [n, d] of images of a cell, with a blank image for each that it lacks."""
@@ -173,33 +119,42 @@ class FeatureDistances:
         return values
 
 
-class SetDistance(NamedTuple):
-    """A kind of distance between images of a cell and the true ones of the same views.
-
-    between   returns the distance of some images of a cell by features
-    interval  returns the 95 % interval from the distance and those without each block of objects
-    debiased  returns the distance as it would be with infinitely many objects, from the same two
-    """
-
-    between: Callable[[FeatureDistances, CellKey, Sequence[ImageKey]], Distance]
-    interval: Callable[[float, Floats], tuple[float, float]]
-    debiased: Callable[[float, Floats], float]
+def _moments(
+    features: FeatureDistances, cell: CellKey, shown: Sequence[ImageKey]
+) -> JackknifeMoments:
+    return JackknifeMoments(features.filled(cell, shown), np.array([obj for obj, _ in shown]))
 
 
-def _unbiased(value: float, leave_one_out: Floats) -> float:
-    """Return NaN: the estimate has no bias that the jackknife would take away."""
-    del value, leave_one_out
-    return float("nan")
+def _grouped(
+    features: FeatureDistances, cell: CellKey, shown: Sequence[ImageKey]
+) -> GroupedMoments:
+    """Return the moments of many objects, of whose features ROWS are in memory at a time."""
+    member, count = _blocks(shown)
+    moments = GroupedMoments(count)
+    for start in range(0, len(shown), ROWS):
+        part = slice(start, start + ROWS)
+        moments.add(features.filled(cell, shown[part]), member[part])
+    return moments
 
 
-FRECHET = SetDistance(FeatureDistances.distance, distance_interval, debiased)
-KERNEL = SetDistance(
-    FeatureDistances.kernel_distance,
-    lambda value, leave_one_out: jackknife_interval(value, [leave_one_out]),
-    _unbiased,
-)
+def _kernels(features: FeatureDistances, cell: CellKey, shown: Sequence[ImageKey]) -> KernelSet:
+    return KernelSet(features.filled(cell, shown), *_blocks(shown))
 
 
-def set_distance(metric: str) -> SetDistance:
-    """Return the kind of distance that a set metric is."""
-    return KERNEL if metric in KERNEL_METRICS else FRECHET
+def _blocks(shown: Sequence[ImageKey]) -> tuple[NDArray[np.intp], int]:
+    """Return the block of the object of each image [n], and the number of blocks."""
+    objects = np.array([obj for obj, _ in shown])
+    names, block = object_blocks(objects)
+    return block[np.searchsorted(names, objects)], 1 + int(block.max())
+
+
+def _between_moments(drawn: JackknifeMoments, truth: JackknifeMoments) -> tuple[float, Floats]:
+    return centred_to_frechet(drawn.whole, truth.whole), left_out_distances(drawn, truth)
+
+
+# The distance of two sets and those without each block, by what is kept of a set.
+_BETWEEN: Mapping[Any, Callable[[Any, Any], tuple[float, Floats]]] = {
+    _moments: _between_moments,
+    _grouped: grouped_distances,
+    _kernels: kernel_distances,
+}

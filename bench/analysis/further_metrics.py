@@ -16,7 +16,7 @@ import numpy as np
 import pandas as pd
 
 from bench.analysis.digits import decimals
-from bench.analysis.distances import FRECHET, KERNEL, FeatureDistances
+from bench.analysis.distances import FeatureDistances
 from bench.analysis.scored_run import Run
 from bench.analysis.scores import distance_rows, image_rows
 from bench.catalogue.metrics import FURTHER_METRICS, declare_metric
@@ -98,13 +98,13 @@ def digits_of(values: Floats) -> int:
 
 def _set_rows(run: Run, images: _KeptImages, metric: SetMetric) -> pd.DataFrame:
     """Return the rows of Fréchet and kernel distances; skipped where something is not installed."""
-    kinds = {metric.id: FRECHET, f"{metric.id}-kernel": KERNEL}
+    kinds = {metric.id: False, f"{metric.id}-kernel": True}
     features = FeatureDistances(_KeptFeatures(images, metric, run.manifest["views"]))
     try:
-        rows = [distance_rows(run, name, kind, features) for name, kind in kinds.items()]
+        rows = [distance_rows(run, name, kernel, features) for name, kernel in kinds.items()]
     except WeightsUnavailable as error:
         reason = f"skipped: {error}"
-        rows = [distance_rows(run, name, FRECHET, None, reason) for name in kinds]
+        rows = [distance_rows(run, name, False, None, reason) for name in kinds]
     return pd.concat(rows, ignore_index=True)
 
 

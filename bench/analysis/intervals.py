@@ -60,20 +60,10 @@ class StandardError(NamedTuple):
         return float(2 * stdtr(self.freedom, -t))
 
 
-def mean_interval(per_object: Floats, alpha: float = SIGNIFICANCE) -> tuple[float, float]:
-    """Return the interval (low, high) of the mean of one value per object [G].
-
-    It is the `interval_of_means` of one class.
-    """
-    return interval_of_means([per_object], alpha)
-
-
-def interval_of_means(
-    per_object: Sequence[Floats], alpha: float = SIGNIFICANCE
-) -> tuple[float, float]:
+def mean_interval(*per_object: Floats, alpha: float = SIGNIFICANCE) -> tuple[float, float]:
     """Return the interval (low, high) of the mean over classes of the means over objects.
 
-    per_object  one value per object [G] of each class
+    per_object  one value per object [G], for each class
 
     It is that of `mean_error`: (nan, nan) without one.
     """
@@ -139,11 +129,6 @@ def clipped(interval: tuple[float, float], values: tuple[float, float]) -> tuple
     """
     low, high = np.clip(interval, *values)
     return float(low), float(high)
-
-
-def distance_interval(value: float, leave_one_out: Floats) -> tuple[float, float]:
-    """Return the `jackknife_interval` of one distance that is never below 0, clipped there."""
-    return clipped(jackknife_interval(value, [leave_one_out]), (0.0, np.inf))
 
 
 def debiased(value: float, leave_one_out: Floats) -> float:

@@ -16,19 +16,20 @@ import pandas as pd
 from numpy.typing import NDArray
 
 from bench.analysis.comparison import NAN
-from bench.analysis.distances import CellKey, FeatureDistances, SetDistance, set_distance
-from bench.analysis.intervals import (
-    clipped,
-    interval_of_means,
-    jackknife_interval,
-    mean_interval,
-    median_interval,
-)
+from bench.analysis.distances import CellKey, FeatureDistances
+from bench.analysis.intervals import clipped, jackknife_interval, mean_interval, median_interval
 from bench.analysis.paper import AVERAGE
 from bench.analysis.recognition import true_gallery
 from bench.analysis.scored_run import Run
 from bench.catalogue.methods import FLOOR
-from bench.catalogue.metrics import JUDGE, extractor_of, is_mean, metric_facts, value_range
+from bench.catalogue.metrics import (
+    JUDGE,
+    KERNEL_METRICS,
+    extractor_of,
+    is_mean,
+    metric_facts,
+    value_range,
+)
 from bench.judges import answers as judge
 from bench.records.frames import ImageKey, read_records
 from bench.records.record import GROUND_TRUTH, JOB
@@ -117,13 +118,13 @@ def set_rows(run: Run, metric: str) -> pd.DataFrame:
     """Return the distances to the true images of the same views by a set metric, for all cells."""
     extractor = extractor_of(metric)
     features, reason = run.features.get(extractor), run.skipped.get(extractor, "")
-    return distance_rows(run, metric, set_distance(metric), features, reason)
+    return distance_rows(run, metric, metric in KERNEL_METRICS, features, reason)
 
 
 def distance_rows(
     run: Run,
     metric: str,
-    distance: SetDistance,
+    kernel: bool,
     features: FeatureDistances | None,
     reason: str = "",
 ) -> pd.DataFrame:
@@ -134,33 +135,33 @@ def distance_rows(
             (
                 cell,
                 metric,
-                _skipped(reason) if features is None else _distance(cell, features, distance),
+                _skipped(reason) if features is None else _distance(cell, features, kernel),
             )
             for cell in run.cells
         ),
     )
 
 
-def _distance(cell: CellKey, features: FeatureDistances, distance: SetDistance) -> dict[str, Any]:
+def _distance(cell: CellKey, features: FeatureDistances, kernel: bool) -> dict[str, Any]:
     _, condition, class_name = cell
     drawn = features.images(*cell)
     if len(drawn) < 2:
         return {"note": "fewer than two images"}
-    value, leave_one_out = distance.between(features, cell, drawn)
+    distance = features.distance(cell, drawn, kernel)
     true = features.images(GROUND_TRUTH, "", class_name)
     wanted = set() if drawn == true else set(true) - set(drawn)  # sets of all images take memory
     missing = wanted & set(features.images(FLOOR, condition, class_name)) if wanted else wanted
-    with_blank = value
+    with_blank = distance
     if missing:
-        with_blank, _ = distance.between(features, cell, sorted([*drawn, *missing]))
-    low, high = distance.interval(value, leave_one_out)
+        with_blank = features.distance(cell, sorted([*drawn, *missing]), kernel)
+    low, high = distance.interval
     return {
-        "value": value,
+        "value": distance.value,
         "ci_low": low,
         "ci_high": high,
-        "failures_as_blank": with_blank,
-        "per_object": leave_one_out,
-        "debiased": distance.debiased(value, leave_one_out),
+        "failures_as_blank": with_blank.value,
+        "per_object": distance.leave_one_out,
+        "debiased": distance.debiased,
     }
 
 
@@ -279,7 +280,7 @@ def _average(rows: pd.DataFrame, classes: AbstractSet[str]) -> dict[str, Any]:
         for name in ("value", "debiased", "failures_as_blank")
     }
     samples, mean = valued["per_object"].tolist(), is_mean(metric)
-    interval = interval_of_means(samples) if mean else jackknife_interval(means["value"], samples)
+    interval = mean_interval(*samples) if mean else jackknife_interval(means["value"], samples)
     low, high = clipped(interval, value_range(metric))
     parts = {"no value in": missing, "without": left_out}
     note = "; ".join(f"{words} {', '.join(names)}" for words, names in parts.items() if len(names))

@@ -28,10 +28,7 @@ from bench.records.store import Store, open_store
 from bench.running.environment import cores, environment, machine_info
 from bench.running.isolation import Executor
 from bench.running.plan import ObjectJobs, Plan, plan
-from bench.running.protocol import (
-    Protocol,
-    extractors_of,
-)
+from bench.running.protocol import Protocol, extractors_of
 from bench.running.work import JobPool, run_jobs
 from data_prep.arrays import Floats
 from data_prep.failures import BadInput

@@ -18,12 +18,7 @@ import pandas as pd
 
 from bench.analysis.comparison import Estimate, Row
 from bench.analysis.digits import decimals
-from bench.analysis.intervals import (
-    SIGNIFICANCE,
-    StandardError,
-    jackknife_error,
-    mean_error,
-)
+from bench.analysis.intervals import SIGNIFICANCE, StandardError, jackknife_error, mean_error
 from bench.analysis.paired import QualityChange, better_by, by_method
 from bench.analysis.paper import AVERAGE, NETWORK, SURFACE
 from bench.catalogue.lookup import family_of

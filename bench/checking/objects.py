@@ -32,12 +32,7 @@ from numpy.typing import NDArray
 
 from bench.analysis.scored_run import Run, in_order
 from bench.catalogue.methods import known_method
-from bench.checking.tolerances import (
-    OBJECT_RENDERING,
-    PRINTED,
-    mean_tolerance,
-    object_tolerance,
-)
+from bench.checking.tolerances import OBJECT_RENDERING, PRINTED, mean_tolerance, object_tolerance
 from bench.records.frames import stored_artifacts
 from bench.records.job import JobName
 from bench.tables.published import golden_name, golden_path

@@ -20,11 +20,7 @@ from bench.catalogue.conditions import condition_words, known_condition
 from bench.catalogue.images import entered_claims
 from bench.catalogue.method import is_module_name
 from bench.catalogue.methods import find_method, known_method, role
-from bench.catalogue.metrics import (
-    METRICS,
-    column,
-    declared_metric,
-)
+from bench.catalogue.metrics import METRICS, column, declared_metric
 from bench.catalogue.suites import TRUTHS, Suite, Truth
 from bench.records.frames import read_jobs
 from bench.records.job import JobName

@@ -14,16 +14,7 @@ from bench.analysis.orderings import VERDICTS, Ordering
 from bench.analysis.paper import AVERAGE, NETWORK, SURFACE
 from bench.catalogue.suites import TableSpec
 from bench.tables import markdown
-from bench.tables.grid import (
-    Annotation,
-    Block,
-    Cell,
-    Grid,
-    grid,
-    measured,
-    number,
-    pivot,
-)
+from bench.tables.grid import Annotation, Block, Cell, Grid, grid, measured, number, pivot
 from bench.tables.table import Table
 
 COLUMNS = [

@@ -17,7 +17,7 @@ import pandas as pd
 import pytest
 from harness_objects import Tetrahedron
 
-from bench.analysis.intervals import distance_interval
+from bench.analysis.distances import Distance
 from bench.analysis.scored_run import Run, full_frame, read_run
 from bench.analysis.scores import HIDDEN, NOTHING, VALUE_COLUMNS
 from bench.catalogue.methods import FLOORS
@@ -57,7 +57,7 @@ SKIPPED_FID = "skipped: weights; not here"
 def frechet_interval(x, y, objects_x, objects_y) -> tuple[float, float]:
     """Of the distance of features x and y, whose rows show these objects."""
     a, b = JackknifeMoments(x, objects_x), JackknifeMoments(y, objects_y)
-    return distance_interval(frechet_distance(x, y), left_out_distances(a, b))
+    return Distance(frechet_distance(x, y), left_out_distances(a, b)).interval
 
 
 def left_out_kernel_distances(x, y, groups_x, groups_y):

@@ -13,12 +13,7 @@ from bench.catalogue.conditions import load_condition
 from bench.catalogue.lookup import family_of
 from bench.catalogue.method import as_method, check_module, load_object
 from bench.catalogue.methods import Method, find_method
-from bench.catalogue.plugins import (
-    ImageMetric,
-    SetMetric,
-    find_metric,
-    plugin_problem,
-)
+from bench.catalogue.plugins import ImageMetric, SetMetric, find_metric, plugin_problem
 from bench.checking.contract.findings import ContractViolation
 from bench.checking.contract.session import Passed
 from data_prep.clouds.conditions import CONDITIONS, Condition

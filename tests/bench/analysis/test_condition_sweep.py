@@ -75,7 +75,7 @@ def test_straight_curves_cross_where_they_do():
     """0.8 - x and 0.6 + x/2 meet at 2/15, whatever the steps; the crossing reaches as far as the
     same interval around each lead holds 0: for [low, high] / 1.5."""
     curves = {"splat-net": lambda x: 0.8 - x, "pc2pix": lambda x: 0.6 + x / 2}
-    low, high = mean_interval(0.5 * OFFSETS, 0.05 / 5)  # of five steps
+    low, high = mean_interval(0.5 * OFFSETS, alpha=0.05 / 5)  # of five steps
     assert low < 0 < high
     for spread, below, above in ((0.0, 0.0, 0.0), (0.5, low, high)):
         steps = along("noise", curves, spread)

@@ -71,6 +71,6 @@ def test_kernel_distances_of_other_images_take_other_true_ones():
         drawn, true = (np.array([values[m][i] for i in shown]) for m in ("splat", GROUND_TRUTH))
         objects = np.array([obj for obj, _ in shown])
         expected = left_out_kernel_distances(drawn, true, objects, objects)
-        distance = distances.kernel_distance(("splat", "2048", "chair"), shown)
+        distance = distances.distance(("splat", "2048", "chair"), shown, kernel=True)
         assert distance.value == expected[0]
         assert distance.leave_one_out.tolist() == expected[1].tolist()

@@ -4,13 +4,12 @@ import numpy as np
 import pytest
 from scipy import stats
 
+from bench.analysis.distances import Distance
 from bench.analysis.intervals import (
     FEWEST,
     RESAMPLES,
     clipped,
     debiased,
-    distance_interval,
-    interval_of_means,
     jackknife_error,
     jackknife_interval,
     mean_error,
@@ -57,13 +56,13 @@ def test_classes_of_few_objects():
     )
     reach = stats.t.ppf(0.975, freedom) * np.sqrt(sum(s**2 for s in sems)) / 3
     expected = value - reach, value + reach
-    assert interval_of_means(classes) == pytest.approx(expected, abs=1e-12)
+    assert mean_interval(*classes) == pytest.approx(expected, abs=1e-12)
 
 
 def test_equal_values_give_them():
     assert mean_interval(np.full(10, 0.3)) == pytest.approx((0.3, 0.3), abs=1e-15)
     # of classes, however many objects they have, each counts alike
-    assert interval_of_means([np.full(2, 1.0), np.full(200, 3.0)]) == (2.0, 2.0)
+    assert mean_interval(np.full(2, 1.0), np.full(200, 3.0)) == (2.0, 2.0)
 
 
 @pytest.mark.parametrize(
@@ -77,7 +76,7 @@ def test_where_there_is_no_interval(values):
 
 
 def test_where_classes_have_no_interval():
-    for interval in (interval_of_means, lambda of: jackknife_interval(1.0, of)):
+    for interval in (lambda of: mean_interval(*of), lambda of: jackknife_interval(1.0, of)):
         assert np.isnan(interval([])).all()
         assert np.isnan(interval([VALUES, VALUES[:1]])).all()  # a class of one has no spread
         assert np.isnan(interval([VALUES[:3], VALUES[3:7]])).all()  # seven objects together
@@ -131,11 +130,12 @@ def test_variances_of_classes_add_up():
     assert (low, high) == pytest.approx((7 - reach, 7 + reach), abs=1e-12)
 
 
-def test_a_distance_is_never_below_0():
+def test_a_frechet_distance_is_never_below_0():
     leave_one_out = np.array([1.0, 3.0, 5.0, 7.0] * 2)
     low, high = jackknife_interval(3.2, [leave_one_out])
     assert low < 0
-    assert distance_interval(3.2, leave_one_out) == (0.0, high)
+    assert Distance(3.2, leave_one_out).interval == (0.0, high)
+    assert Distance(3.2, leave_one_out, kernel=True).interval == (low, high)
 
 
 def test_what_no_value_can_be_is_clipped():

@@ -9,12 +9,7 @@ import pytest
 from scipy.stats import t
 
 from bench.analysis.comparison import Estimate
-from bench.analysis.intervals import (
-    StandardError,
-    interval_of_means,
-    jackknife_interval,
-    mean_interval,
-)
+from bench.analysis.intervals import StandardError, jackknife_interval, mean_interval
 from bench.checking import claim_rules as rules
 from bench.checking.claim_rules import (
     ClaimFinding,
@@ -322,7 +317,7 @@ def test_other_methods_than_the_network_and_surface_reconstruction():
     (finding,) = CLAIMS["often-not-recognizable"].rule(run)
     assert (finding.subject, finding.verdict) == ("surface-apss", "supported")
     lost = 0.6 + 2 * JITTER
-    low, high = interval_of_means([lost, lost])
+    low, high = mean_interval(lost, lost)
     assert finding.numbers == (
         "class-confidence 0.295, true-mesh 0.905; "
         f"ahead by -{lost.mean():.3f} [-{high:.3f}, -{low:.3f}]"

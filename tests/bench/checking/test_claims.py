@@ -11,13 +11,7 @@ import pytest
 from bench.analysis.comparison import Estimate
 from bench.analysis.intervals import StandardError
 from bench.catalogue.suites import LATENT, SPEED, SUITES
-from bench.checking.checklist import (
-    ClaimResult,
-    check_claims,
-    judge,
-    read_evidence,
-    to_markdown,
-)
+from bench.checking.checklist import ClaimResult, check_claims, judge, read_evidence, to_markdown
 from bench.checking.claim_rules import ClaimFinding, Requirement
 from bench.checking.claims import RULES, claims
 from bench.tables.published import published

@@ -22,12 +22,7 @@ from bench.records.run_folder import open_folder, write_manifest
 from bench.suites.latent.codes import PATH_METRICS, PATHS
 from bench.suites.latent.run import VALUES, latent_table, means
 from bench.suites.speed.measure import SPEED, Measurement, TimingSample
-from bench.suites.speed.tables import (
-    amortised_rows,
-    amortised_table,
-    samples_table,
-    speed_table,
-)
+from bench.suites.speed.tables import amortised_rows, amortised_table, samples_table, speed_table
 from bench.suites.stability.outcomes import COLUMNS, matrix
 from bench.tables import differences, orderings
 from bench.tables.build import make_outputs

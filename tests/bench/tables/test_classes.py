@@ -7,7 +7,7 @@ import pandas as pd
 import pytest
 
 from bench.analysis.distances import FeatureDistances
-from bench.analysis.intervals import interval_of_means, jackknife_interval
+from bench.analysis.intervals import jackknife_interval, mean_interval
 from bench.analysis.recognition import ClassHead, confidences
 from bench.catalogue.lookup import find
 from bench.catalogue.suites import SUITES
@@ -144,7 +144,7 @@ def test_the_intervals_of_averages():
         for k in ("car", "lamp")  # as records are sorted
     ]
     row = cell(made, metric="ssim", **at)
-    assert (row.ci_low, row.ci_high) == pytest.approx(interval_of_means(per_object), rel=1e-12)
+    assert (row.ci_low, row.ci_high) == pytest.approx(mean_interval(*per_object), rel=1e-12)
 
     index, values = random_features()
     leave_one_out = []

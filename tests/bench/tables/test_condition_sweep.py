@@ -8,10 +8,7 @@ import pytest
 from bench.analysis.comparison import Estimate
 from bench.analysis.condition_sweep import FAMILY, crossings, who_is_ahead
 from bench.catalogue.suites import TableSpec
-from bench.tables.condition_sweep import (
-    crossing_text,
-    end_to_end_text,
-)
+from bench.tables.condition_sweep import crossing_text, end_to_end_text
 
 SPEC = TableSpec("condition sweep", "t", "T")
 ENDS = ["lead", "ci_low", "ci_high"]

@@ -9,11 +9,7 @@ from bench.report.headline import compact_table
 from bench.report.run_figures import quality_frame
 from bench.tables.differences import comparison_lines, difference_cell
 from bench.tables.grid import BEST, FEWER, Grid
-from bench.tables.quality import (
-    all_methods,
-    best_printed,
-    is_worse,
-)
+from bench.tables.quality import all_methods, best_printed, is_worse
 from bench.tables.terminal import STAR, grid_lines
 
 from ..builders import value_frame, value_row

@@ -7,19 +7,11 @@ import pytest
 
 from bench.analysis.comparison import Estimate
 from bench.analysis.distances import FeatureDistances
-from bench.analysis.intervals import (
-    interval_of_means,
-    jackknife_error,
-    jackknife_interval,
-    mean_interval,
-)
+from bench.analysis.intervals import jackknife_error, jackknife_interval, mean_interval
 from bench.analysis.orderings import Ordering, orderings
 from bench.catalogue.lookup import find
 from bench.catalogue.suites import SUITES, TableSpec
-from bench.metrics.frechet import (
-    JackknifeMoments,
-    left_out_distances,
-)
+from bench.metrics.frechet import JackknifeMoments, left_out_distances
 from bench.records.record import GROUND_TRUTH
 from bench.tables.published import published
 
@@ -64,7 +56,7 @@ def test_a_lead_is_paired_over_objects():
     found = row(made, "car")
     assert found.difference.value == pytest.approx(0.105, abs=1e-12)
     # differences of numbers near 0.6
-    expected = mean_interval(np.array(LEADS["car"]), 0.05 / 3)  # of three classes
+    expected = mean_interval(np.array(LEADS["car"]), alpha=0.05 / 3)  # of three classes
     assert found.difference[1:] == pytest.approx(expected, abs=1e-12)
     assert found.surface == pytest.approx(0.5 + 0.15 + 0.005, abs=1e-12)
     assert found.network == pytest.approx(found.surface + 0.105, abs=1e-12)
@@ -97,7 +89,7 @@ def test_the_average():
     found = row(made, "average")
     assert found.difference.value == pytest.approx((0.105 + 0.035 + 0) / 3, abs=1e-12)
     differences = [np.array(LEADS[k], float) for k in ("car", "lamp", "vessel")]
-    assert found.difference[1:] == pytest.approx(interval_of_means(differences), abs=1e-12)
+    assert found.difference[1:] == pytest.approx(mean_interval(*differences), abs=1e-12)
     assert found.paper_difference == pytest.approx(57.2, abs=1e-9)
     assert found.objects == 12
 
@@ -109,7 +101,7 @@ def test_an_object_without_a_value_leaves_the_average_an_interval():
     differences = [np.array(LEADS[k][k == "lamp" :], float) for k in ("car", "lamp", "vessel")]
     value = np.mean([values.mean() for values in differences])
     assert found.difference.value == pytest.approx(value, abs=1e-12)
-    assert found.difference[1:] == pytest.approx(interval_of_means(differences), abs=1e-12)
+    assert found.difference[1:] == pytest.approx(mean_interval(*differences), abs=1e-12)
 
 
 def test_distances_are_ahead_where_they_are_smaller():

@@ -18,12 +18,7 @@ from bench.catalogue.suites import SUITES, TableSpec
 from bench.metrics import frechet_distance
 from bench.records.record import GROUND_TRUTH
 from bench.tables.build import tables, write_outputs
-from bench.tables.quality import (
-    detail_table,
-    image_table,
-    recognition_table,
-    set_table,
-)
+from bench.tables.quality import detail_table, image_table, recognition_table, set_table
 
 from ..builders import (
     FeaturesAtHand,

@@ -6,15 +6,7 @@ import pandas as pd
 import pytest
 
 from bench.analysis.comparison import NAN
-from bench.tables.grid import (
-    BOLD,
-    Annotation,
-    Cell,
-    grid,
-    number,
-    pivot,
-    shown,
-)
+from bench.tables.grid import BOLD, Annotation, Cell, grid, number, pivot, shown
 from bench.tables.markdown import document
 from bench.tables.table import Table
 
