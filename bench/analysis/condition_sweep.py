@@ -14,7 +14,7 @@ from itertools import pairwise
 import pandas as pd
 
 from bench.analysis.comparison import NAN, VALUE, Estimate
-from bench.analysis.paired import LEAD, Verdicts
+from bench.analysis.paired import LEAD, Verdicts, who_is_ahead
 from bench.catalogue.conditions import FAMILIES, Family, families_of
 from bench.catalogue.lookup import family_of
 
@@ -91,7 +91,7 @@ def condition_leads(curves: pd.DataFrame, verdicts: Verdicts) -> pd.DataFrame:
                     unseen_by=[" ".join(family.unseen_by(value)) for value in at],
                     value=values[method],
                     rival_value=values[rival],
-                    ahead=[who_is_ahead(lead, method, rival) for lead in leads],
+                    ahead=[better_of(lead, method, rival) for lead in leads],
                     **crossings(family, at, leads),
                 )
             )
@@ -145,11 +145,11 @@ def sign_changes(places: Sequence[float], values: Sequence[float]) -> list[tuple
     return changes
 
 
-def who_is_ahead(lead: Estimate, method: str, rival: str) -> str:
+def better_of(lead: Estimate, method: str, rival: str) -> str:
     """Return the better one of two methods by an interval without 0, or why none is."""
     if not math.isfinite(lead.value):
         return NO_VALUE
-    return method if lead.low > 0 else rival if lead.high < 0 else UNDECIDED
+    return {"a": rival, "b": method}.get(who_is_ahead(lead), UNDECIDED)
 
 
 def place_of(value: float, family: Family) -> float:

@@ -6,63 +6,39 @@ The paper has PC2PIX ahead in 11 of 13 classes and on average, SR in rifle and l
 from __future__ import annotations
 
 import math
-from collections.abc import Sequence
-from dataclasses import dataclass
-from typing import Literal
 
-from bench.analysis.comparison import NAN, Estimate, Row
+import numpy as np
+import pandas as pd
+
+from bench.analysis.comparison import NAN, Estimate
 from bench.analysis.intervals import SIGNIFICANCE
-from bench.analysis.paired import CELL, LEAD, better_by, verdicts_of
+from bench.analysis.paired import CELL, LEAD, better_by, verdicts_of, who_is_ahead
 from bench.analysis.paper import AVERAGE, SURFACE, Published, network_of, paper_difference
 from bench.analysis.scored_run import Run
 from bench.catalogue.metrics import is_mean
 
-Verdict = Literal["reproduced", "opposite", "undecided", "no value"]
-VERDICTS: tuple[Verdict, ...] = ("reproduced", "opposite", "undecided", "no value")
+VERDICTS = ("reproduced", "opposite", "undecided", "no value")
+ORDERINGS = [
+    *("condition", "class", "metric", "method", "surface", "network"),
+    *("lead", "ci_low", "ci_high", "paper_lead", "verdict", "objects"),
+]
 
 
-@dataclass(frozen=True)
-class Ordering:
-    """SR against the network in one class by one metric.
-
-    surface, network  their values, failed images scored as blank ones
-    difference        how much better the network is, paired over objects: over 0 if it is; with the
-                      interval that decides
-    paper_difference  the same by FID as the paper printed it; NaN where it has no such class
-    objects           number of objects of the class
-    method            the network that stands for the paper's PC2PIX
-    """
-
-    condition: str
-    class_name: str
-    metric: str
-    surface: float
-    network: float
-    difference: Estimate
-    paper_difference: float
-    objects: int
-    method: str
-
-    @property
-    def verdict(self) -> Verdict:
-        """Return whether the paper's ordering holds; undecided where the interval holds 0."""
-        value, low, high = self.difference
-        if not (math.isfinite(value) and math.isfinite(self.paper_difference)):
-            return "no value"
-        if low > 0 or high < 0:
-            return "reproduced" if (low > 0) == (self.paper_difference > 0) else "opposite"
-        return "undecided"
-
-
-def orderings(run: Run, published: Published) -> list[Ordering]:
+def orderings(run: Run, published: Published) -> pd.DataFrame:
     """Return the orderings by all metrics of Table 5 that both sides have; none without a side.
 
     Kernel distances are left out: they say what the Fréchet distance on the same features says.
+
+    It has a row for each class, and last for the mean over those in which both have a value, by
+    condition and metric: `method` (the network that stands for the paper's PC2PIX), the values of
+    `surface` and `network`, failed images scored as blank ones; `lead` (how much better the network
+    is, paired over `objects`) with `ci_low` and `ci_high`, the interval that decides; `paper_lead`
+    (the same by FID as the paper printed it; NaN where it has no such class) and `verdict`.
     """
     methods = list(dict.fromkeys(method for method, _, _ in run.cells))
     network = network_of(methods)
     if network is None or SURFACE not in methods:
-        return []
+        return pd.DataFrame(columns=ORDERINGS)
     wanted = run.suite.class_metrics
     metrics = [metric for metric in wanted if metric in run.features]
     metrics += [m for m in wanted if is_mean(m) and run.has(m)]
@@ -70,47 +46,36 @@ def orderings(run: Run, published: Published) -> list[Ordering]:
     verdicts = verdicts_of(run, metrics, both)
     compared = run.compared(metrics, both)
     counts, conditions = run.objects_of, compared["condition"].nunique()
-
-    def of_class(surface: Row, ours: Row) -> Ordering:
-        cell = (ours[name] for name in CELL)
-        lead = verdicts.difference(SURFACE, network, *cell)
-        return Ordering(
-            ours["condition"],
-            ours["class"],
-            ours["metric"],
-            surface["value"],
-            ours["value"],
-            Estimate(*(lead[end] for end in LEAD)),
-            paper_difference(published, ours["class"]),
-            counts[ours["class"]],
-            network,
-        )
-
     rows = []
     for (condition, metric), cells in compared.groupby(["condition", "metric"], sort=False):
         surface, ours = (cells[cells["method"] == method].to_dict("records") for method in both)
-        of_classes = list(map(of_class, surface, ours))
-        # Of the classes in which both have a value.
-        known = [i for i, row in enumerate(of_classes) if math.isfinite(row.difference.value)]
-        family = conditions * (len(run.headline) if metric in run.headline else 1)
-        lead = Estimate(NAN, NAN, NAN)
+        differences = (verdicts.difference(*both, *(row[name] for name in CELL)) for row in ours)
+        leads = [Estimate(*(difference[end] for end in LEAD)) for difference in differences]
+        values = [(sr["value"], row["value"]) for sr, row in zip(surface, ours, strict=True)]
+        known = [i for i, lead in enumerate(leads) if math.isfinite(lead.value)]
+        mean, lead = (NAN, NAN), Estimate(NAN, NAN, NAN)
         if known:
+            family = conditions * (len(run.headline) if metric in run.headline else 1)
             both_known = better_by([ours[i] for i in known], [surface[i] for i in known])
+            mean = tuple(np.mean([values[i] for i in known], axis=0))
             lead = both_known.estimate(SIGNIFICANCE / family)
-        average = Ordering(
-            str(condition),
-            AVERAGE,
-            str(metric),
-            _mean([of_classes[i].surface for i in known]),
-            _mean([of_classes[i].network for i in known]),
-            lead,
-            paper_difference(published, AVERAGE),
-            sum(counts.values()),
-            network,
-        )
-        rows += [*of_classes, average]
-    return rows
+        classes = [*(row["class"] for row in ours), AVERAGE]
+        objects = [*(counts[row["class"]] for row in ours), sum(counts.values())]
+        of_classes = zip(classes, [*values, mean], [*leads, lead], objects, strict=True)
+        for class_name, of_both, lead, count in of_classes:
+            paper = paper_difference(published, class_name)
+            verdict = verdict_of(lead, paper)
+            rows.append(
+                (condition, class_name, metric, network, *of_both, *lead, paper, verdict, count)
+            )
+    return pd.DataFrame(rows, columns=ORDERINGS)
 
 
-def _mean(values: Sequence[float]) -> float:
-    return sum(values) / len(values) if values else NAN
+def verdict_of(lead: Estimate, paper_lead: float) -> str:
+    """Return whether the paper's ordering holds; undecided where the interval holds 0."""
+    if not (math.isfinite(lead.value) and math.isfinite(paper_lead)):
+        return "no value"
+    ahead = who_is_ahead(lead)
+    if ahead not in ("a", "b"):
+        return "undecided"
+    return "reproduced" if (ahead == "b") == (paper_lead > 0) else "opposite"

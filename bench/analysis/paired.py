@@ -119,10 +119,10 @@ def _bonferroni_differences(pairs: Sequence[tuple[Row, Row]]) -> list[Row]:
     for sides, of_pair in zip(pairs, changes, strict=True):
         a, b = sides
         difference = of_pair.estimate(alpha)
-        lead: tuple[float, float, float] = difference
+        lead = difference
         if not higher_is_better(a["metric"]):  # 0 has no sign
-            lead = (0.0 - difference.value, 0.0 - difference.high, 0.0 - difference.low)
-        ahead = _ahead(*lead)
+            lead = Estimate(0.0 - lead.value, 0.0 - lead.high, 0.0 - lead.low)
+        ahead = who_is_ahead(lead)
         objects = len(a["objects"])
         if is_mean(a["metric"]):
             objects = int((~np.isnan(b["samples"] - a["samples"])).sum())
@@ -140,10 +140,11 @@ def _bonferroni_differences(pairs: Sequence[tuple[Row, Row]]) -> list[Row]:
     return rows
 
 
-def _ahead(value: float, low: float, high: float) -> Ahead:
-    if not math.isfinite(low):
+def who_is_ahead(lead: Estimate) -> Ahead:
+    """Return the better side by an interval of b's lead without 0, or why none is."""
+    if not math.isfinite(lead.low):
         return "unknown"
-    return "b" if round(low, KEPT) > 0 else "a" if round(high, KEPT) < 0 else "tie"
+    return "b" if round(lead.low, KEPT) > 0 else "a" if round(lead.high, KEPT) < 0 else "tie"
 
 
 def by_method(compared: pd.DataFrame) -> dict[str, dict[tuple[str, ...], Row]]:

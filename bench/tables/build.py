@@ -60,8 +60,8 @@ def class_orderings(run: Run) -> Table | None:
     if (spec := run.suite.table("orderings")) is None:
         return None
     with threadpool_limits(1):
-        rows = orderings(run, paper_values(run.suite))
-    return _of_run(run, orderings_table(spec, run.suite.id, rows)) if rows else None
+        frame = orderings(run, paper_values(run.suite))
+    return None if frame.empty else _of_run(run, orderings_table(spec, run.suite.id, frame))
 
 
 def curves(run: Run) -> pd.DataFrame:

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterator, Mapping, Sequence
+from collections.abc import Iterator, Mapping
 from functools import partial
 from typing import Any
 
@@ -10,35 +10,24 @@ import pandas as pd
 
 from bench.analysis.comparison import NAN
 from bench.analysis.intervals import FEWEST
-from bench.analysis.orderings import VERDICTS, Ordering
+from bench.analysis.orderings import VERDICTS
 from bench.analysis.paper import AVERAGE, NETWORK, SURFACE
 from bench.catalogue.suites import TableSpec
 from bench.tables import markdown
 from bench.tables.grid import Annotation, Block, Cell, Grid, grid, measured, number, pivot
 from bench.tables.table import Table
 
-COLUMNS = [
-    *("suite", "condition", "class", "metric", "method", "surface", "network"),
-    *("lead", "ci_low", "ci_high", "paper_lead", "verdict", "objects"),
-]
 MARKS = {
     "reproduced": Annotation("reproduced", "**{value}{interval}**"),
     "opposite": Annotation("opposite", "{value}{interval} *opposite*", against=True),
 }
 
 
-def orderings_table(spec: TableSpec, suite: str, rows: Sequence[Ordering]) -> Table:
+def orderings_table(spec: TableSpec, suite: str, frame: pd.DataFrame) -> Table:
     """Return the table of a run's orderings, of which there has to be one."""
-    network = rows[0].method
-    values = [
-        (
-            *(suite, row.condition, row.class_name, row.metric, row.method, row.surface),
-            *(row.network, *row.difference, row.paper_difference, row.verdict, row.objects),
-        )
-        for row in rows
-    ]
+    network = frame["method"].iloc[0]
+    frame.insert(0, "suite", suite)
     remark = _REMARK.format(network=network, surface=SURFACE)
-    frame = pd.DataFrame(values, columns=COLUMNS)
     return Table(spec.name, spec.title, frame, partial(_layout, network), remark)
 
 

@@ -13,11 +13,11 @@ from bench.analysis.condition_sweep import (
     FAMILY,
     NO_VALUE,
     UNDECIDED,
+    better_of,
     condition_curves,
     condition_leads,
     crossings,
     sign_changes,
-    who_is_ahead,
 )
 from bench.analysis.intervals import mean_interval
 from bench.analysis.paired import Verdicts
@@ -137,7 +137,7 @@ def test_straight_curves_cross_where_they_do():
 def test_who_is_ahead_and_where_that_changes(family, differences, ahead, crossovers):
     """Leads are values, or (value, low, high), at the first steps of a family."""
     leads = [Estimate(*v) if isinstance(v, tuple) else Estimate(v, NAN, NAN) for v in differences]
-    assert tuple(who_is_ahead(lead, "splat-net", "pc2pix") for lead in leads) == ahead
+    assert tuple(better_of(lead, "splat-net", "pc2pix") for lead in leads) == ahead
     at = FAMILY[family].values[: len(leads)]
     columns = crossings(FAMILY[family], at, leads)
     found = [(i, *c) for i, c in enumerate(zip(*columns.values(), strict=True)) if c[0] == c[0]]

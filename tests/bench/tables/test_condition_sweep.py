@@ -6,7 +6,7 @@ import pandas as pd
 import pytest
 
 from bench.analysis.comparison import Estimate
-from bench.analysis.condition_sweep import FAMILY, crossings, who_is_ahead
+from bench.analysis.condition_sweep import FAMILY, better_of, crossings
 from bench.catalogue.suites import TableSpec
 from bench.tables.condition_sweep import crossing_text, end_to_end_text
 
@@ -26,7 +26,7 @@ def steps(leads, name="noise"):
         condition=family.conditions[: len(at)],
         at=[f"{value:g}" for value in at],
         unseen_by=[" ".join(family.unseen_by(value)) for value in at],
-        ahead=[who_is_ahead(lead, "splat-net", "pc2pix") for lead in leads],
+        ahead=[better_of(lead, "splat-net", "pc2pix") for lead in leads],
         **crossings(family, at, leads),
     )
 

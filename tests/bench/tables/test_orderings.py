@@ -8,9 +8,9 @@ import pytest
 from bench.analysis.comparison import Estimate
 from bench.analysis.distances import FeatureDistances
 from bench.analysis.intervals import jackknife_error, jackknife_interval, mean_interval
-from bench.analysis.orderings import Ordering, orderings
+from bench.analysis.orderings import orderings, verdict_of
 from bench.catalogue.lookup import find
-from bench.catalogue.suites import SUITES, TableSpec
+from bench.catalogue.suites import SUITES
 from bench.metrics.frechet import JackknifeMoments, left_out_distances
 from bench.records.record import GROUND_TRUTH
 from bench.tables.published import published
@@ -20,7 +20,6 @@ from ..builders import FeaturesAtHand, feature_index, make_record, scored_record
 pytestmark = pytest.mark.usefixtures("few_objects")
 
 SUITE = find("thirteen-classes", SUITES, "suite")
-SPEC = TableSpec("orderings", "t", "T")
 PAPER = published("thirteen-classes")
 OBJECTS = ("a", "b", "c", "d")
 # SSIM of the network is ahead of SR's by so much in each object
@@ -47,17 +46,21 @@ def of_run(frame=None, features=None):
 
 
 def row(made, class_name, metric="ssim"):
-    (found,) = [r for r in made if (r.class_name, r.metric) == (class_name, metric)]
+    (found,) = made[(made["class"] == class_name) & (made["metric"] == metric)].itertuples()
     return found
+
+
+def interval(found):
+    return found.ci_low, found.ci_high
 
 
 def test_a_lead_is_paired_over_objects():
     made = of_run()
     found = row(made, "car")
-    assert found.difference.value == pytest.approx(0.105, abs=1e-12)
+    assert found.lead == pytest.approx(0.105, abs=1e-12)
     # differences of numbers near 0.6
     expected = mean_interval(np.array(LEADS["car"]), alpha=0.05 / 3)  # of three classes
-    assert found.difference[1:] == pytest.approx(expected, abs=1e-12)
+    assert interval(found) == pytest.approx(expected, abs=1e-12)
     assert found.surface == pytest.approx(0.5 + 0.15 + 0.005, abs=1e-12)
     assert found.network == pytest.approx(found.surface + 0.105, abs=1e-12)
     assert found.objects == 4
@@ -81,16 +84,16 @@ def test_a_lead_is_paired_over_objects():
     ],
 )
 def test_rules_of_a_verdict(difference, paper, verdict):
-    assert ordering("car", "fid", difference, paper).verdict == verdict
+    assert verdict_of(Estimate(*difference), paper) == verdict
 
 
 def test_the_average():
     made = of_run()
     found = row(made, "average")
-    assert found.difference.value == pytest.approx((0.105 + 0.035 + 0) / 3, abs=1e-12)
+    assert found.lead == pytest.approx((0.105 + 0.035 + 0) / 3, abs=1e-12)
     differences = [np.array(LEADS[k], float) for k in ("car", "lamp", "vessel")]
-    assert found.difference[1:] == pytest.approx(mean_interval(*differences), abs=1e-12)
-    assert found.paper_difference == pytest.approx(57.2, abs=1e-9)
+    assert interval(found) == pytest.approx(mean_interval(*differences), abs=1e-12)
+    assert found.paper_lead == pytest.approx(57.2, abs=1e-9)
     assert found.objects == 12
 
 
@@ -100,8 +103,8 @@ def test_an_object_without_a_value_leaves_the_average_an_interval():
     found = row(of_run(without), "average")
     differences = [np.array(LEADS[k][k == "lamp" :], float) for k in ("car", "lamp", "vessel")]
     value = np.mean([values.mean() for values in differences])
-    assert found.difference.value == pytest.approx(value, abs=1e-12)
-    assert found.difference[1:] == pytest.approx(mean_interval(*differences), abs=1e-12)
+    assert found.lead == pytest.approx(value, abs=1e-12)
+    assert interval(found) == pytest.approx(mean_interval(*differences), abs=1e-12)
 
 
 def test_distances_are_ahead_where_they_are_smaller():
@@ -119,36 +122,17 @@ def test_distances_are_ahead_where_they_are_smaller():
         )
         every.append(left_out_distances(network, truth) - left_out_distances(surface, truth))
         found = row(made, k, "fd-views")
-        assert found.difference.value == pytest.approx(found.surface - found.network, rel=1e-12)
-        assert found.difference.value > 5  # 3 features off by 2 each: 12, less what chance gives
-        interval = jackknife_error([-every[-1]]).interval(found.difference.value, 0.05 / 3)
-        assert found.difference[1:] == pytest.approx(interval, rel=1e-9)
+        assert found.lead == pytest.approx(found.surface - found.network, rel=1e-12)
+        assert found.lead > 5  # 3 features off by 2 each: 12, less what chance gives
+        expected = jackknife_error([-every[-1]]).interval(found.lead, 0.05 / 3)
+        assert interval(found) == pytest.approx(expected, rel=1e-9)
     average = row(made, "average", "fd-views")
-    value = np.mean([row(made, k, "fd-views").difference.value for k in LEADS])
-    assert average.difference.value == pytest.approx(value, rel=1e-12)
-    assert average.difference[1:] == pytest.approx(jackknife_interval(value, every), rel=1e-9)
-
-
-def ordering(class_name, metric, difference, paper):
-    return Ordering(
-        "2048", class_name, metric, 0.5, 0.6, Estimate(*difference), paper, 4, "pc2pix@all"
-    )
-
-
-NAN = math.nan
-ROWS = (
-    ordering("car", "ssim", (0.1, 0.05, 0.15), 163.1),
-    ordering("lamp", "ssim", (0.1, 0.05, 0.15), -60.5),
-    ordering("vessel", "ssim", (0.02, -0.05, 0.09), 24.4),
-    ordering("average", "ssim", (0.07, 0.01, 0.13), 57.2),
-    ordering("car", "fd-views", (20.0, 10.0, 30.0), 163.1),
-    ordering("lamp", "fd-views", (NAN, NAN, NAN), -60.5),
-    ordering("vessel", "fd-views", (-3.25, NAN, NAN), 24.4),
-    ordering("average", "fd-views", (8.4, 1.0, 15.0), 57.2),
-)
+    value = np.mean([row(made, k, "fd-views").lead for k in LEADS])
+    assert average.lead == pytest.approx(value, rel=1e-12)
+    assert interval(average) == pytest.approx(jackknife_interval(value, every), rel=1e-9)
 
 
 @pytest.mark.parametrize("gone", ["surface-apss", "pc2pix@all"])
 def test_both_sides_are_needed(gone):
     frame = records()
-    assert of_run(frame[frame["method"] != gone]) == []
+    assert of_run(frame[frame["method"] != gone]).empty
