@@ -38,7 +38,6 @@ from bench.tables.build import class_orderings, condition_sweep, tables
 from bench.tables.grid import records
 from bench.tables.published import golden, golden_name, golden_path
 from bench.tables.table import TABLES, Table, table_files
-from data_prep.datasets.protocol_version import PROTOCOL_VERSION, refuse_other_version
 from data_prep.failures import BadInput
 from data_prep.files.atomic_write import write_whole
 
@@ -100,14 +99,14 @@ def check(directory: Path, widths: Widths | None = None, file: Path | None = Non
     Raises BadInput where `directory` is not a finished run, where the golden values belong to
     another protocol (dataset, objects, views or seed), and where nothing could be compared.
     """
-    manifest = read_finished(directory)
-    widths = widths or Widths()
     if file is not None:
-        return _check_file(directory, manifest, file, widths)
+        return _check_file(read_run(directory), file, widths or Widths())
+    manifest = read_finished(directory)
     if manifest["suite"] == STABILITY.id:
-        result = _check_outcomes(directory)
+        outcomes = read_outcomes(directory / TABLES)
+        result = CheckResult((), tuple(unexpected(outcomes)), (), outcomes=len(outcomes))
     else:
-        result = _check_values(directory, manifest, widths)
+        result = _check_values(read_run(directory), widths or Widths())
     if not (result.compared or result.regressions):
         raise BadInput(
             f"{directory}: nothing is compared, for none of its methods and conditions has golden "
@@ -117,30 +116,27 @@ def check(directory: Path, widths: Widths | None = None, file: Path | None = Non
     return result
 
 
-def _check_file(
-    directory: Path, manifest: dict[str, Any], file: Path, widths: Widths
-) -> CheckResult:
+def _check_file(run: Run, file: Path, widths: Widths) -> CheckResult:
     """Compare the objects of a run with those in a user's file."""
-    golden_values, run = read_golden_file(file), read_run(directory)
-    have, want = _own_protocol(manifest), golden_values.protocol
-    if other := [f"{n} {have[n]} (golden: {want.get(n)})" for n in have if have[n] != want.get(n)]:
+    golden_values = read_golden_file(file)
+    if other := _differing(_own_protocol(run.manifest), golden_values.protocol):
         raise BadInput(
-            f"{file}: of another protocol than {directory}: {', '.join(other)}; check a run with "
-            "the same options, or write golden values of this one with --bless FILE"
+            f"{file}: of another protocol than {run.directory}: {', '.join(other)}; check a run "
+            "with the same options, or write golden values of this one with --bless FILE"
         )
-    compared = compare_objects(run, golden_values, widths, means=True)
-    if not compared.cells:
+    cells, moved, remark = compare_objects(run, golden_values, widths, means=True)
+    if not cells:
         raise BadInput(
-            f"{file}: has no method, condition and object of {directory} in common; check a run "
-            f"with methods of {', '.join(sorted(golden_values.names['methods']))}"
+            f"{file}: has no method, condition and object of {run.directory} in common; check a "
+            f"run with methods of {', '.join(sorted(golden_values.names['methods']))}"
         )
     absent = (
         f"golden values of what this run has not, left out: {kind} {', '.join(sorted(lost))}"
         for kind, known in golden_values.names.items()
-        if (lost := known - {*manifest[kind]})
+        if (lost := known - {*run.manifest[kind]})
     )
-    remarks = (*_without_golden(manifest, golden_values), *absent, compared.remark)
-    return CheckResult(compared.cells, (), remarks, compared.moved, run.suite.headline)
+    remarks = (*_without_golden(run.manifest, golden_values), *absent, remark)
+    return CheckResult(cells, (), remarks, moved, run.suite.headline)
 
 
 def _own_protocol(manifest: Mapping[str, Any]) -> dict[str, Any]:
@@ -153,30 +149,25 @@ def _own_protocol(manifest: Mapping[str, Any]) -> dict[str, Any]:
     return {name: value for name, value in common.items() if name != "objects"}
 
 
-def _check_values(directory: Path, manifest: dict[str, Any], widths: Widths) -> CheckResult:
-    run = read_run(directory)
+def _check_values(run: Run, widths: Widths) -> CheckResult:
     own_tables = tables(run)
-    sweep = (class_orderings(run), condition_sweep(run))
-    written: list[Table] = [*own_tables, *filter(None, sweep)]
+    written = [*own_tables, *filter(None, (class_orderings(run), condition_sweep(run)))]
     cells: tuple[GoldenCell, ...] = ()
-    name = golden_name(manifest)
-    expected, objects = golden(name), read_objects(name)
-    whole = _is_whole(directory, manifest, expected, objects)
-    if whole:
-        cells = _compare_means(own_tables, manifest, expected)
+    moved: tuple[GoldenDeviation, ...] = ()
     remarks: list[str] = []
-    moved_objects: tuple[GoldenDeviation, ...] = ()
+    name = golden_name(run.manifest)
+    expected, objects = golden(name), read_objects(name)
+    whole = _is_whole(run, expected, objects)
+    if whole:
+        cells = _compare_means(own_tables, run.manifest, expected)
+    else:
+        remarks.append("not all golden objects: means and distances of the run are not compared")
     if objects is not None:
-        if not whole:
-            remarks.append(
-                "not all golden objects: means and distances of the run are not compared"
-            )
-        by_object = compare_objects(run, objects, widths, means=not whole)
-        cells += by_object.cells
-        remarks += [*_without_golden(manifest, objects), by_object.remark]
-        moved_objects = by_object.moved
-    stale = tuple(_stale_tables(directory, written))
-    return CheckResult(cells, stale, tuple(remarks), moved_objects, run.suite.headline)
+        by_object, moved, remark = compare_objects(run, objects, widths, means=not whole)
+        cells += by_object
+        remarks += [*_without_golden(run.manifest, objects), remark]
+    stale = tuple(_stale_tables(run.directory, written))
+    return CheckResult(cells, stale, tuple(remarks), moved, run.suite.headline)
 
 
 def _compare_means(
@@ -259,17 +250,13 @@ def golden_lines(rows: Iterable[dict[str, Any]], protocol: dict[str, Any]) -> li
 def _refuse_other_protocol(run: Run) -> None:
     """Raise BadInput for a run that is not the whole default run of its suite."""
     suite, manifest = run.suite, run.manifest
-    default = Options(suite.id)
-    objects = suite.endless_limit * len(suite.classes)
     wanted = {
-        "protocol": PROTOCOL_VERSION,
-        "dataset": default.dataset,
-        "objects": objects,
+        "dataset": Options(suite.id).dataset,
+        "objects": suite.endless_limit * len(suite.classes),
         "views": suite.views,
         "seed": 0,
     }
-    have = _protocol(manifest)
-    other = [f"{n} {have[n]} (default: {wanted[n]})" for n in PROTOCOL if have[n] != wanted[n]]
+    other = _differing({name: _protocol(manifest)[name] for name in wanted}, wanted, "default")
     for kind, names in (("methods", suite.methods), ("conditions", suite.conditions)):
         for word, some, others in (("no", names, manifest[kind]), ("also", manifest[kind], names)):
             if only := [name for name in some if name not in others]:
@@ -287,50 +274,40 @@ def _command(manifest: Mapping[str, Any]) -> str:
 
 
 def _protocol(manifest: Mapping[str, Any]) -> dict[str, Any]:
-    return {
-        "protocol": manifest["protocol"],
-        "dataset": manifest["dataset"],
-        "objects": len(manifest["objects"]),
-        "views": manifest["views"],
-        "seed": manifest["seed"],
-    }
+    return {name: manifest[name] for name in PROTOCOL} | {"objects": len(manifest["objects"])}
 
 
-def _is_whole(
-    directory: Path,
-    manifest: dict[str, Any],
-    expected: pd.DataFrame,
-    objects: GoldenObjects | None,
-) -> bool:
+def _differing(have: Mapping[str, Any], want: Mapping[str, Any], of: str = "golden") -> list[str]:
+    """Return the parts of a protocol that are others than they should, in words."""
+    return [f"{n} {have[n]} ({of}: {want.get(n)})" for n in have if have[n] != want.get(n)]
+
+
+def _is_whole(run: Run, expected: pd.DataFrame, objects: GoldenObjects | None) -> bool:
     """Return whether a run has all golden objects and no others: its means can be compared then.
 
     Raises BadInput where it has another protocol. Without golden values by object, that includes
     another number of objects; with them, one golden object is enough.
     """
-    have = _protocol(manifest)
+    have = _protocol(run.manifest)
     want = {name: expected[name].iloc[0] for name in PROTOCOL}
-    path = golden_path(golden_name(manifest))
-    refuse_other_version(
-        path, int(want["protocol"]), "write it with 'bench check DIR --bless results/golden'"
-    )
-    compared = [name for name in PROTOCOL if objects is None or name != "objects"]
-    other = [f"{n} {have[n]} (golden: {want[n]})" for n in compared if have[n] != want[n]]
-    whole = have["objects"] == want["objects"]
+    other = _differing(have, want)
+    whole = True  # else it is refused
     if objects is not None:
         if objects.protocol != want:
             raise BadInput(
-                f"{path}: of another protocol than the golden values by "
-                "object beside it; restore both with git, or write them with "
+                f"{golden_path(golden_name(run.manifest))}: of another protocol than the golden "
+                "values by object beside it; restore both with git, or write them with "
                 "'bench check DIR --bless results/golden'"
             )
-        measured, named = set(manifest["objects"]), objects.names["objects"]
+        other = _differing(have | {"objects": want["objects"]}, want)
+        measured, named = set(run.manifest["objects"]), objects.names["objects"]
         whole = measured == named
         if measured.isdisjoint(named):
             other.append("none of its objects is golden")
     if other:
         raise BadInput(
-            f"{directory}: no golden values for this protocol: {', '.join(other)}; "
-            f"check a run of '{_command(manifest)}' with its defaults"
+            f"{run.directory}: no golden values for this protocol: {', '.join(other)}; "
+            f"check a run of '{_command(run.manifest)}' with its defaults"
         )
     return whole
 
@@ -345,12 +322,6 @@ def _stale_tables(directory: Path, written: Sequence[Table]) -> list[str]:
                 f"{path}: not what the records give; 'bench table {directory}' restores it"
             )
     return stale
-
-
-def _check_outcomes(directory: Path) -> CheckResult:
-    """Return a regression for each unexpected outcome in the tables of a stability run."""
-    outcomes = read_outcomes(directory / TABLES)
-    return CheckResult((), tuple(unexpected(outcomes)), (), outcomes=len(outcomes))
 
 
 def _rows(own_tables: Iterable[Table]) -> list[dict[str, Any]]:

@@ -33,7 +33,7 @@ from numpy.typing import NDArray
 from bench.analysis.scored_run import Run, in_order
 from bench.catalogue.methods import known_method
 from bench.checking.tolerances import OBJECT_RENDERING, PRINTED, mean_tolerance, object_tolerance
-from bench.records.frames import stored_artifacts
+from bench.records.frames import Artifact, stored_artifacts
 from bench.records.job import JobName
 from bench.tables.published import golden_name, golden_path
 from data_prep.datasets.protocol_version import refuse_other_version
@@ -90,20 +90,9 @@ def _object_values(run: Run) -> pd.DataFrame:
     return in_order(pd.concat(frames), run.manifest, KEY).set_index(KEY)
 
 
-class StoredImages:
-    """The images of a run's jobs, each read on demand."""
-
-    def __init__(self, directory: Path) -> None:
-        self._artifacts = stored_artifacts(directory)
-
-    def __contains__(self, job: JobName) -> bool:
-        """Return whether a job has images, even altered ones; failed jobs have none."""
-        return job in self._artifacts
-
-    def images(self, job: JobName) -> NDArray[np.uint8] | None:
-        """Return all views [V, H, W, 3]; None without images, or where they are unreadable."""
-        artifact = self._artifacts.get(job)
-        return None if artifact is None else artifact.read_images()
+def stored_images(stored: Mapping[JobName, Artifact], job: JobName) -> NDArray[np.uint8] | None:
+    """Return all views of a job [V, H, W, 3]; None without images, or where they are unreadable."""
+    return stored[job].read_images() if job in stored else None
 
 
 def checksum(images: NDArray[np.uint8] | None) -> str:
@@ -183,8 +172,6 @@ def read_objects(name: str) -> GoldenObjects | None:
             raise
         path = about if not isinstance(error, OSError) else Path(error.filename)
         raise BadInput(f"{path}: golden values by object are damaged; {remedy}") from error
-    if "protocol" not in protocol:
-        raise BadInput(f"{about}: golden values of version 1.0.0 or earlier; {remedy}")
     return GoldenObjects(protocol, environment, _read_lines(csv.read_text(encoding="utf-8")))
 
 
@@ -265,7 +252,7 @@ def _object_lines(run: Run) -> tuple[str, list[NDArray[np.uint8]]]:
 
     Raises BadInput where its images are gone.
     """
-    stored = StoredImages(run.directory)
+    stored = stored_artifacts(run.directory)
     first = run.manifest["conditions"][0]
     known = {method: known_method(method) for method in run.manifest["methods"]}
     sees_cloud = {name: method is None or method.sees_cloud for name, method in known.items()}
@@ -277,7 +264,7 @@ def _object_lines(run: Run) -> tuple[str, list[NDArray[np.uint8]]]:
             if item.condition != first:
                 continue
             row["condition"] = _ANY
-        images = stored.images(item)
+        images = stored_images(stored, item)
         if images is None and item in stored:
             raise BadInput(
                 f"{run.directory}: images of {item.method} at {item.condition} of "
@@ -379,30 +366,20 @@ class Widths:
         return "; ".join(f"{text} of {', '.join(ms)}" for text, ms in methods_by_text.items())
 
 
-@dataclass(frozen=True)
-class _ObjectComparison:
-    """The result of a comparison object by object.
-
-    remark    whether the golden values come from the same environment
-    cells     of each metric of a method at a condition; a problem names the largest moves
-    moved     every value that moved
-    """
-
-    remark: str
-    cells: tuple[GoldenCell, ...]
-    moved: tuple[GoldenDeviation, ...]
-
-
 def compare_objects(
     run: Run, golden: GoldenObjects, widths: Widths, *, means: bool
-) -> _ObjectComparison:
-    """Compare the values of a run, or of a part of one, with the golden ones, and their `means`."""
+) -> tuple[tuple[GoldenCell, ...], tuple[GoldenDeviation, ...], str]:
+    """Compare the values of a run, or of a part of one, with the golden ones, and their `means`.
+
+    Returns each metric of a method at a condition, with a problem that names the largest moves;
+    every value that moved; and whether the golden values come from the same environment.
+    """
     expected = golden.part(run.manifest)
     metrics = [name for name in golden.lines.columns if name not in (*KEY, IMAGES)]
     actual = _object_values(run).reindex(index=expected.index, columns=metrics)
     here = environment_of(run.manifest)
     same = here == golden.environment
-    stored = StoredImages(run.directory)
+    stored = stored_artifacts(run.directory)
     cells: list[GoldenCell] = []
     moved: list[GoldenDeviation] = []
     for cell, wanted in expected.groupby(KEY[:2], sort=False):
@@ -418,38 +395,41 @@ def compare_objects(
                 for key, now, was, line in values
                 if not (abs(now - was) <= allowed or (math.isnan(now) and math.isnan(was)))
             ]
-            if not beyond:
-                moves = (measured[metric] - wanted[metric]).dropna()
-                most = widths.of_mean(method, metric, len(moves), same)
-                problem = ""
-                if means and abs(moves.mean()) > most:
-                    problem = (
-                        f"the mean of {len(moves)} objects moved by {moves.mean():+.6f}, more than "
-                        f"{most:.6f}, though none of them by more than {allowed:.6f}"
-                    )
-                cells.append(GoldenCell(method, condition, metric, len(wanted), problem))
-                continue
             beyond.sort(key=lambda deviation: -deviation.excess)
-            worst = []
-            for deviation in beyond[:_WORST]:
-                now = checksum(stored.images(deviation.item))
-                same_images = now != "" and now == wanted[IMAGES][deviation.item]
-                worst.append(
-                    f"{'/'.join(deviation.item.object)} {number(deviation.actual)}, golden "
-                    f"{number(deviation.golden)}" + " (same images)" * same_images
+            moves, problem = (measured[metric] - wanted[metric]).dropna(), ""
+            most = widths.of_mean(method, metric, len(moves), same)
+            if beyond:
+                problem = (
+                    f"{len(beyond)} of {len(wanted)} objects moved by more than {allowed:.6f}: "
+                    f"{_worst(beyond, stored, wanted[IMAGES])}"
                 )
-            more = "; ..." * (len(beyond) > _WORST)
-            problem = (
-                f"{len(beyond)} of {len(wanted)} objects moved by more than {allowed:.6f}: "
-                f"{'; '.join(worst)}{more}"
-            )
+            elif means and abs(moves.mean()) > most:
+                problem = (
+                    f"the mean of {len(moves)} objects moved by {moves.mean():+.6f}, more than "
+                    f"{most:.6f}, though none of them by more than {allowed:.6f}"
+                )
             cells.append(GoldenCell(method, condition, metric, len(wanted), problem))
             moved += beyond
     headline = [metric for metric in run.suite.headline if metric in metrics]
     wide = widths.in_words(list(dict.fromkeys(expected.reset_index()["method"])), headline)
     but = f"; but {', '.join(widths.by_metric)} as --tolerance says" * bool(widths.by_metric)
     remark = _remark(here, golden.environment, wide, widths.strict) + but
-    return _ObjectComparison(remark, tuple(cells), tuple(moved))
+    return tuple(cells), tuple(moved), remark
+
+
+def _worst(
+    beyond: Sequence[GoldenDeviation], stored: Mapping[JobName, Artifact], checksums: pd.Series
+) -> str:
+    """Return the largest moves in words, and whether the images are the golden ones."""
+    worst = []
+    for deviation in beyond[:_WORST]:
+        now = checksum(stored_images(stored, deviation.item))
+        same_images = now != "" and now == checksums[deviation.item]
+        worst.append(
+            f"{'/'.join(deviation.item.object)} {number(deviation.actual)}, golden "
+            f"{number(deviation.golden)}" + " (same images)" * same_images
+        )
+    return "; ".join(worst) + "; ..." * (len(beyond) > _WORST)
 
 
 def _remark(here: Mapping[str, str], golden: Mapping[str, str], wide: str, strict: bool) -> str:

@@ -222,8 +222,9 @@ def _write_deviations(directory: Path, moved: Sequence[GoldenDeviation], ours: b
     Only golden values that are `ours` have thumbnails. An image is of the first view; the metric is
     the one that moved most. Without any object an old file is removed. Raises CannotWrite.
     """
-    from bench.checking.objects import SIDE, StoredImages, golden_thumbnails
+    from bench.checking.objects import SIDE, golden_thumbnails, stored_images
     from bench.checking.objects import number as rounded
+    from bench.records.frames import stored_artifacts
     from bench.rendering.files import write_images
     from bench.rendering.finish import Tile, draw_sheet
     from bench.report.figure import FIGURES
@@ -239,11 +240,11 @@ def _write_deviations(directory: Path, moved: Sequence[GoldenDeviation], ours: b
         except OSError as error:
             raise CannotWrite(f"{path}: cannot be removed ({error.strerror}); remove it") from error
         return None
-    stored = StoredImages(directory)
+    stored = stored_artifacts(directory)
     before = golden_thumbnails(golden_name(read_manifest(directory))) if ours else None
     tiles, times = [], IMAGE_SIZE // SIDE
     for deviation in list(worst.values())[:_MOST_MOVED]:
-        images = stored.images(deviation.item)
+        images = stored_images(stored, deviation.item)
         method, condition, *obj = deviation.item
         drawn = "no image" if images is None else images[:1]
         now, was = rounded(deviation.actual), f"golden {rounded(deviation.golden)}"
@@ -253,7 +254,7 @@ def _write_deviations(directory: Path, moved: Sequence[GoldenDeviation], ours: b
             tiles.append(Tile(f"{'/'.join(obj)}: {moved_to}", drawn))
             tiles.append(Tile(f"{was}, {cell}", thumbnail))
         else:
-            truth = stored.images(deviation.item.truth)
+            truth = stored_images(stored, deviation.item.truth)
             tiles.append(Tile(f"{'/'.join(obj)}, {cell}", drawn))
             shown = "no true image" if truth is None else truth[:1]
             tiles.append(Tile(f"truth; {moved_to}, {was}", shown))

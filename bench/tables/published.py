@@ -13,7 +13,8 @@ from typing import Any
 import pandas as pd
 
 from bench.analysis.paper import Published
-from bench.records.run_folder import COLOURED, TRUTH
+from bench.records.run_folder import COLOURED, PROTOCOL, TRUTH
+from data_prep.datasets.protocol_version import refuse_other_version
 from data_prep.failures import BadInput
 
 RESULTS = Path(__file__).resolve().parents[2] / "results"
@@ -52,7 +53,7 @@ def golden_path(name: str) -> Path:
 
 
 def golden(name: str) -> pd.DataFrame:
-    """Return golden values. Raises BadInput without any, and for those of 1.0.0."""
+    """Return golden values. Raises BadInput without any, and for those of another protocol."""
     path = golden_path(name)
     if not path.is_file():
         raise BadInput(
@@ -60,11 +61,8 @@ def golden(name: str) -> pd.DataFrame:
             "with itself"
         )
     values = pd.read_csv(path, dtype={"condition": str}, keep_default_na=False)
-    if "protocol" not in values:
-        raise BadInput(
-            f"{path}: golden values of version 1.0.0 or earlier; write them with 'bench check DIR "
-            "--bless results/golden'"
-        )
+    version = int(values[PROTOCOL].iloc[0]) if PROTOCOL in values else None
+    refuse_other_version(path, version, "write it with 'bench check DIR --bless results/golden'")
     return values
 
 

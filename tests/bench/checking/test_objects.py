@@ -356,7 +356,6 @@ def reprotocol(path, version):
 
 
 OLDER = PROTOCOL_VERSION - 1
-VERSION_1 = "golden values of version 1.0.0 or earlier; "
 
 
 @pytest.mark.parametrize(
@@ -369,8 +368,7 @@ VERSION_1 = "golden values of version 1.0.0 or earlier; "
         ("-objects.csv", Path.unlink, "are damaged"),
         ("-objects.json", Path.unlink, "are damaged"),
         ("-objects.json", lambda p: restate(p, views=3), "of another protocol than the golden val"),
-        ("-objects.json", lambda p: restate(p, protocol=None), f"{VERSION_1}restore it "),
-        (".csv", lambda p: reprotocol(p, None), f"{VERSION_1}write them with "),
+        (".csv", lambda p: reprotocol(p, None), "of protocol None, this version has protocol"),
         (".csv", lambda p: reprotocol(p, OLDER), f"of protocol {OLDER}, this version has protocol"),
     ],
 )
