@@ -6,7 +6,6 @@ from collections.abc import Mapping, Sequence
 from collections.abc import Set as AbstractSet
 from dataclasses import dataclass
 from pathlib import Path
-from typing import Any
 
 import pandas as pd
 from threadpoolctl import threadpool_limits
@@ -186,25 +185,21 @@ def _shared_objects(
 
     There is a remark on those whose true images failed in one of them.
     """
-    of_a, of_b = (
-        pd.DataFrame(
-            [(*cell, name) for cell, names in known_objects(run).items() for name in names],
-            columns=["condition", "class", "object"],
-        )
-        for run in (a, b)
-    )
-    every = of_a.merge(of_b, how="outer", indicator="side")
-    every = every[every["condition"].isin(conditions)]
-    both: Any = every[every["side"] == "both"].groupby(["condition", "class"])["object"].agg(set)
-    for class_name, lost in every[every["side"] != "both"].groupby("class")["object"]:
-        names = sorted({*lost})
+    of_a, of_b = known_objects(a), known_objects(b)
+    cells = [cell for cell in of_a | of_b if cell[0] in conditions]
+    both = {cell: of_a.get(cell, set()) & of_b.get(cell, set()) for cell in cells}
+    lost: dict[str, set[str]] = {}
+    for cell in cells:
+        lost.setdefault(cell[1], set()).update(of_a.get(cell, set()) ^ of_b.get(cell, set()))
+    for class_name, alone in sorted(lost.items()):
+        names = sorted(alone)
         shown = f"{', '.join(names[:NAMED])}{' and others' * (len(names) > NAMED)}"
-        sizes = (len(here) for (_, name), here in both.items() if name == class_name)
-        remarks.append(
+        most = max(len(here) for (_, name), here in both.items() if name == class_name)
+        remarks += [
             f"{len(names)} of class {class_name} left out, as their true images failed in one of "
-            f"the runs: {shown}; {max(sizes, default=0)} are in both."
-        )
-    return both.to_dict()
+            f"the runs: {shown}; {most} are in both."
+        ] * bool(names)
+    return both
 
 
 def _compare(

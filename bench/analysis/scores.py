@@ -7,8 +7,9 @@ interval over objects, and the value with a blank image in place of each failed 
 from __future__ import annotations
 
 from collections import Counter
-from collections.abc import Iterable, Mapping, Sequence
+from collections.abc import Callable, Mapping, Sequence
 from collections.abc import Set as AbstractSet
+from itertools import product
 from typing import Any
 
 import numpy as np
@@ -73,20 +74,13 @@ def image_rows(run: Run, metrics: Sequence[str], blanks: bool = False) -> pd.Dat
 
     With `blanks` values and intervals are those with a blank image in place of each failed one.
     """
-    return _frame(
-        run,
-        (
-            (
-                cell,
-                metric,
-                _skipped(run.skipped[metric])
-                if metric in run.skipped
-                else _mean_of_images(run, cell, metric, blanks),
-            )
-            for cell in run.cells
-            for metric in metrics
-        ),
-    )
+
+    def value_of(cell: CellKey, metric: str) -> dict[str, Any]:
+        if metric in run.skipped:
+            return _skipped(run.skipped[metric])
+        return _mean_of_images(run, cell, metric, blanks)
+
+    return _frame(run, metrics, value_of)
 
 
 def _skipped(reason: str) -> dict[str, Any]:
@@ -129,17 +123,11 @@ def distance_rows(
     reason: str = "",
 ) -> pd.DataFrame:
     """Return the distances by features, for all cells; `reason` says why there are no features."""
-    return _frame(
-        run,
-        (
-            (
-                cell,
-                metric,
-                _skipped(reason) if features is None else _distance(cell, features, kernel),
-            )
-            for cell in run.cells
-        ),
-    )
+
+    def value_of(cell: CellKey, metric: str) -> dict[str, Any]:
+        return _skipped(reason) if features is None else _distance(cell, features, kernel)
+
+    return _frame(run, [metric], value_of)
 
 
 def _distance(cell: CellKey, features: FeatureDistances, kernel: bool) -> dict[str, Any]:
@@ -171,7 +159,8 @@ def recognition_rows(run: Run) -> pd.DataFrame:
     Angles are medians over images of the error in degrees, with intervals by a bootstrap over
     objects; retrieval is a share of images.
     """
-    answers, metrics, values = run.features.get(JUDGE), run.suite.control_metrics, []
+    answers, metrics = run.features.get(JUDGE), run.suite.control_metrics
+    values: dict[tuple[CellKey, str], Mapping[str, Any]] = {}
     galleries: dict[str, judge.Gallery] = {}
     for cell in run.cells:
         if answers is None:
@@ -182,8 +171,8 @@ def recognition_rows(run: Run) -> pd.DataFrame:
             columns = ("object", "view", "azimuth_deg", "elevation_deg", "outcome")
             images = read_records(run.directory, columns, **dict(zip(JOB[:3], cell, strict=True)))
             of_metrics = _recognised(metrics, cell, images, answers, galleries[cell[2]])
-        values += zip([cell] * len(metrics), metrics, of_metrics, strict=True)
-    return _frame(run, values)
+        values |= {(cell, metric): value for metric, value in zip(metrics, of_metrics, strict=True)}
+    return _frame(run, metrics, lambda cell, metric: values[cell, metric])
 
 
 def _recognised(
@@ -297,15 +286,16 @@ def _average(rows: pd.DataFrame, classes: AbstractSet[str]) -> dict[str, Any]:
     }
 
 
-def _frame(run: Run, values: Iterable[tuple[CellKey, str, Mapping[str, Any]]]) -> pd.DataFrame:
-    """Return a row for each value, with the counts of images and the reasons for failures."""
+def _frame(
+    run: Run, metrics: Sequence[str], value_of: Callable[[CellKey, str], Mapping[str, Any]]
+) -> pd.DataFrame:
+    """Return a row for each cell and metric, with the counts of images and why some failed."""
     rows = []
-    for cell, metric, value in values:
-        row = {**NOTHING, **value}
+    for cell, metric in product(run.cells, metrics):
+        row = {**NOTHING, **value_of(cell, metric)}
         drawn, planned = run.images(cell)
-        message = [
-            f"{n} x {reason}" for reason, n in run.reasons.get(cell, Counter()).most_common()
-        ]
+        reasons = run.reasons.get(cell, Counter()).most_common()
+        message = [f"{n} x {reason}" for reason, n in reasons]
         if row["undefined"]:
             message.append(f"{row['undefined']} x {NO_VALUE}: {metric_facts(metric).undefined}")
         row |= dict(zip(JOB, cell, strict=False)) | {

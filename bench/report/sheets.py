@@ -31,7 +31,7 @@ if TYPE_CHECKING:
     from matplotlib.figure import Figure
 
 FAILED = "failed"  # in place of an image
-OBJECTS_SHOWN, CLASSES_SHOWN = 4, 13
+OBJECTS_SHOWN = 4
 THIN_OF = 8  # the first objects of a run, of which those with most thin parts are shown
 _THIN_CONDITIONS = ("2048", "noise-0.05")
 THIN_TINT = (225, 0, 75)

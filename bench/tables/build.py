@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Mapping
 from dataclasses import dataclass
-from typing import Any, TypeVar
+from typing import Any
 
 import numpy as np
 import pandas as pd
@@ -31,7 +31,6 @@ from bench.tables.quality import QUALITY_TABLES, further_tables, headline
 from bench.tables.table import Table, of_protocol, remove_others, write_tables
 from data_prep.files.atomic_write import write_whole
 
-R = TypeVar("R")
 COST = "cost.md"
 
 

@@ -12,11 +12,10 @@ from numpy.typing import NDArray
 
 from bench.catalogue.conditions import UnusableCloud, applied
 from bench.checking.contract.findings import ContractViolation, checked_identity
+from bench.checking.contract.methods import EXTREMES, chair
 from bench.checking.contract.session import CheckStep, Passed
 from bench.checking.contract.targets import find_target
-from data_prep.clouds.conditions import Condition, Perturbation
-from data_prep.clouds.extremes import extreme
-from data_prep.datasets.registry import ProceduralObject
+from data_prep.clouds.conditions import Condition
 from data_prep.failures import BadInput, StageFailure
 from data_prep.randomness import generator
 from data_prep.scene import PointCloud
@@ -24,24 +23,13 @@ from data_prep.scene import PointCloud
 OBJECTS = 3  # whose clouds are checked
 FAR = 2.0  # the camera stands at 4, and noise of 20 % of the radius keeps points within 2
 # Clouds of files and of other datasets, which a condition meets as well.
-OTHERS: Mapping[str, Perturbation] = {
-    "one point": extreme("Count", 1),
-    "three points": extreme("Count", 3),
-    "equal points": extreme("Equal"),
-    "points in a plane": extreme("Flattened", 2),
-    "20,000 points": extreme("Count", 20_000),
-}
+OTHERS = ("one point", "three points", "equal points", "points in a plane", "20,000 points")
 
 
 def _condition(name: str) -> Condition:
     condition = find_target(name)
     assert isinstance(condition, Condition)
     return condition
-
-
-def _cloud(index: int = 0) -> PointCloud:
-    """Return the cloud of a chair, with its mesh, as a run gives it to a condition."""
-    return ProceduralObject("chair", "validation", index).cloud(generator("contract"))
 
 
 def _perturbed(name: str, cloud: PointCloud, seed: str = "condition") -> PointCloud:
@@ -75,7 +63,7 @@ def check_identity(name: str) -> Passed:
 
 def use(name: str, number: int) -> NDArray[np.float32]:
     """Return the points of a perturbed cloud."""
-    return _perturbed(name, _cloud(number % OBJECTS)).points
+    return _perturbed(name, chair(number % OBJECTS)).points
 
 
 def facts(name: str) -> Mapping[str, Any]:
@@ -85,16 +73,16 @@ def facts(name: str) -> Mapping[str, Any]:
 
 def check_clouds(name: str) -> Passed:
     """Perturb clouds, and check what comes back."""
-    counts = [len(_perturbed(name, _cloud(index), str(index))) for index in range(OBJECTS)]
+    counts = [len(_perturbed(name, chair(index), str(index))) for index in range(OBJECTS)]
     least, most = min(counts), max(counts)
     points = f"{least:,}" if least == most else f"{least:,} to {most:,}"
-    return Passed(f"{len(_cloud()):,} points become {points}, float32 [N, 3], finite")
+    return Passed(f"{len(chair()):,} points become {points}, float32 [N, 3], finite")
 
 
 def check_place(name: str) -> Passed:
     """Check that points stay where objects are, in the unit sphere or near it."""
     radii = [
-        float(np.linalg.norm(_perturbed(name, _cloud(index), str(index)).points, axis=1).max())
+        float(np.linalg.norm(_perturbed(name, chair(index), str(index)).points, axis=1).max())
         for index in range(OBJECTS)
     ]
     if max(radii) > FAR:
@@ -106,8 +94,8 @@ def check_place(name: str) -> Passed:
 
 def check_others(name: str) -> Passed:
     """Perturb other clouds than those of the protocol."""
-    for other, change in OTHERS.items():
-        cloud = change.apply(_cloud(), generator("contract", other))
+    for other in OTHERS:
+        cloud = EXTREMES[other].apply(chair(), generator("contract", other))
         try:
             _perturbed(name, cloud, other)
         except (StageFailure, BadInput):  # refused by name

@@ -29,7 +29,7 @@ LIMITS = Limits(time_s=20.0, memory_gib=4.0)
 VIEWS = (View(30.0, 20.0), View(-60.0, -10.0), View(120.0, 35.0))
 TURN = tuple(View(18.0 * i - 180, (-30.0, 0.0, 30.0)[i % 3]) for i in range(20))  # as in a run
 BATCHES = (1, 3)  # views a call, beside all 20
-_EXTREMES: dict[str, Perturbation] = {
+EXTREMES: dict[str, Perturbation] = {
     "no points": extreme("Count", 0),
     "one point": extreme("Count", 1),
     "three points": extreme("Count", 3),
@@ -72,7 +72,8 @@ def _renderer(name: str) -> Renderer:
     return _method(name).load("auto")
 
 
-def _cloud(index: int = 0) -> PointCloud:
+def chair(index: int = 0) -> PointCloud:
+    """Return the cloud of a chair, with its mesh, as a run gives it to a condition."""
     return ProceduralObject("chair", "validation", index).cloud(generator("contract"))
 
 
@@ -84,7 +85,7 @@ def _images(name: str, cloud: PointCloud, views: Sequence[View] = VIEWS) -> UInt
 
 def use(name: str, number: int) -> UInt8Images:
     """Return the images of a cloud from three views."""
-    return _images(name, _cloud(number))
+    return _images(name, chair(number))
 
 
 def facts(name: str) -> Mapping[str, Any]:
@@ -112,7 +113,7 @@ def check_loading(name: str) -> Passed:
 def check_images(name: str) -> Passed:
     """Draw three views."""
     method, renderer, rng = _method(name), _renderer(name), generator("contract")
-    cloud = seen_by(method, _cloud())
+    cloud = seen_by(method, chair())
     if not method.sees_mesh:
         cloud = _WatchedCloud(cloud.points)
     before = cloud.points.copy()
@@ -134,7 +135,7 @@ def check_images(name: str) -> Passed:
     if not np.array_equal(before, cloud.points):
         raise ContractViolation("the points of the cloud were changed; work on a copy")
     for side in {IMAGE_SIZE, method.sizes[0], method.sizes[-1]}:  # as a run, and `bench render`
-        draw(method, renderer, _cloud(), VIEWS, generator("contract", "method"), side=side)
+        draw(method, renderer, chair(), VIEWS, generator("contract", "method"), side=side)
     return Passed(f"{list(images.shape)} float32 in {images.min():.2f} .. {images.max():.2f}")
 
 
@@ -178,7 +179,7 @@ def check_batches(name: str) -> Passed:
 
 
 def _prepared(name: str) -> Any:
-    cloud = seen_by(_method(name), _cloud())
+    cloud = seen_by(_method(name), chair())
     return _renderer(name).prepare(cloud, generator("contract"))
 
 
@@ -192,7 +193,7 @@ def _drawn(name: str, state: Any, batch: int, seed: str = "numbers") -> UInt8Ima
 
 def check_inputs(name: str) -> Passed:
     """Check that images depend on the cloud, or do not, as `sees_cloud` says."""
-    sees_cloud, cloud = _method(name).sees_cloud, _cloud()
+    sees_cloud, cloud = _method(name).sees_cloud, chair()
     images = _images(name, cloud)
     fewer = _images(name, extreme("Kept", 0.25).apply(cloud, generator("contract", "fewer")))
     if not sees_cloud:
@@ -202,14 +203,14 @@ def check_inputs(name: str) -> Passed:
                 "run would draw one condition and use it for all"
             )
         return Passed("the same images for all conditions, as sees_cloud=False says")
-    if np.array_equal(images, fewer) and np.array_equal(images, _images(name, _cloud(1))):
+    if np.array_equal(images, fewer) and np.array_equal(images, _images(name, chair(1))):
         raise ContractViolation("the same images for every cloud; say so: sees_cloud=False")
     return Passed("the images depend on the cloud")
 
 
 def _check_extreme(name: str, extreme: str) -> Passed:
     """Check that an extreme cloud is drawn, or refused by the name of a stage."""
-    cloud = (_EXTREMES | NOT_FINITE)[extreme].apply(_cloud(), generator("contract", extreme))
+    cloud = (EXTREMES | NOT_FINITE)[extreme].apply(chair(), generator("contract", extreme))
     method, renderer = _method(name), _renderer(name)
     cloud = seen_by(method, cloud)
     rng = generator("contract", "method")
@@ -251,7 +252,7 @@ FIRST = (
     CheckStep("inputs", check_inputs),
 )
 LAST = (
-    *(CheckStep(cloud, partial(_check_extreme, extreme=cloud)) for cloud in _EXTREMES),
+    *(CheckStep(cloud, partial(_check_extreme, extreme=cloud)) for cloud in EXTREMES),
     CheckStep("cost", _check_cost),
     *(CheckStep(c, partial(_check_extreme, extreme=c), blocks=False) for c in NOT_FINITE),
 )
