@@ -54,14 +54,14 @@ VALUE_COLUMNS = (
     *("paper", "failures_as_blank", "note", "debiased", "trained_on", "objective"),
 )
 # Columns that no file has.
-# measured    the method whose images they are: of a chosen one that which it is
+# images_of   the method whose images they are: of a chosen one that which it is
 # skipped     whether the metric was not measured
 # undefined   number of existing images without a value
 # failed      whether images are missing
 # per_object  what the interval was made from, float64 [G]: by a metric of images the mean of each
 #             object that has a value, by a distance of sets the distance without each block of
 #             objects (`bench.metrics.frechet`)
-HIDDEN = ("measured", "skipped", "undefined", "failed", "per_object")
+HIDDEN = ("images_of", "skipped", "undefined", "failed", "per_object")
 NOTHING: Mapping[str, Any] = {
     **dict.fromkeys(("value", "ci_low", "ci_high", "paper", "failures_as_blank", "debiased"), NAN),
     **{"note": "", "trained_on": "", "objective": ""},
@@ -304,7 +304,7 @@ def _frame(
             "n_ok": drawn - row["undefined"],
             "n": planned,
             "note": row["note"] or "; ".join(message),
-            "measured": cell[0],
+            "images_of": cell[0],
             "failed": drawn < planned,
         }
         rows.append(row)

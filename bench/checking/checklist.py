@@ -5,7 +5,7 @@ from __future__ import annotations
 from collections.abc import Iterable, Mapping, Sequence
 from dataclasses import dataclass, replace
 from pathlib import Path
-from typing import Any
+from typing import Any, NamedTuple
 
 import pandas as pd
 from threadpoolctl import threadpool_limits
@@ -50,8 +50,7 @@ _PAPER_WIDTHS = {"pc2pix@paper": 1.0}
 SUITES = (CHAIRS, CLASSES, SPEED, LATENT)
 
 
-@dataclass(frozen=True, eq=False)
-class _RunEvidence:
+class _RunEvidence(NamedTuple):
     """A run as evidence, with its suite and its name for people."""
 
     name: str
@@ -107,7 +106,6 @@ def _refuse_misfits(manifests: Mapping[Path, Mapping[str, Any]]) -> None:
         suite = str(manifest["suite"])
         features = manifest.get("feature_identity", {}).items()
         for what, of_suite, value in (
-            ("schema", "", manifest.get("schema_version")),
             ("dataset", "", manifest.get("dataset")),
             ("seed", "", manifest.get("seed")),
             ("objects", suite, manifest.get("objects")),

@@ -3,17 +3,21 @@
 from __future__ import annotations
 
 import math
+from collections.abc import Container, Mapping
 from typing import Any
 
 import numpy as np
 import pandas as pd
 
-from bench.analysis.digits import decimals, is_coarse, prints_better
+from bench.analysis.comparison import is_better
+from bench.analysis.digits import decimals, is_coarse
 from bench.catalogue.conditions import condition_name, condition_words
 from bench.catalogue.methods import FLOOR, role
 from bench.catalogue.metrics import higher_is_better
-from bench.report.plots import points_of
-from bench.tables.grid import MOVED, ordered, shown
+from bench.tables.grid import MOVED, ordered, records, shown
+from bench.tables.quality import best_printed
+
+_Key = tuple[str, str, str]  # method, metric, condition
 
 
 def compact_table(rows: pd.DataFrame) -> dict[str, Any] | None:
@@ -29,11 +33,17 @@ def compact_table(rows: pd.DataFrame) -> dict[str, Any] | None:
     metrics = ordered(rows["metric"])
     columns = ordered(zip(rows["metric"], rows["condition"], strict=True))
     columns.sort(key=lambda column: metrics.index(column[0]))
-    cells = {(r.method, r.metric, r.condition): r for r in points_of(rows)}
+    cells = {(r["method"], r["metric"], r["condition"]): r for r in records(rows)}
+    best = {
+        (method, metric, condition)
+        for metric in metrics
+        for _, condition, method in best_printed(records(rows[rows["metric"] == metric]))
+    }
 
     def mean_first(method: str) -> tuple[bool, float]:
         of_first = [cells.get((method, metrics[0], c)) for _, c in columns]
-        values = [round(r.value, decimals(r.metric, r.measured)) for r in of_first if r is not None]
+        digits = [decimals(metrics[0], row["images_of"]) if row else 0 for row in of_first]
+        values = [round(row["value"], n) for row, n in zip(of_first, digits, strict=True) if row]
         values = [value for value in values if math.isfinite(value)]
         mean = float(np.mean(values)) if values else math.nan
         worse = math.inf if not values else -mean if higher_is_better(metrics[0]) else mean
@@ -52,33 +62,28 @@ def compact_table(rows: pd.DataFrame) -> dict[str, Any] | None:
             (metric, higher_is_better(metric), name.kind * (name.kind != "points"), name)
             for (metric, _), name in zip(columns, names, strict=True)
         ],
-        "lines": [(m, role(m), [_cell(cells, m, *column) for column in columns]) for m in methods],
+        "lines": [(m, role(m), [_cell(cells, best, (m, *c)) for c in columns]) for m in methods],
         "failed": bool(rows["failed"].any()),
-        "coarse": any(is_coarse(r.metric, r.measured) for r in points_of(rows)),
+        "coarse": any(is_coarse(r["metric"], r["images_of"]) for r in cells.values()),
     }
 
 
-def _cell(cells: dict[Any, Any], method: str, metric: str, condition: str) -> dict[str, Any]:
-    row = cells.get((method, metric, condition))
-    if row is None or not math.isfinite(row.value):
-        about = row.note if row else "not measured"
+def _cell(cells: Mapping[_Key, Any], best: Container[_Key], key: _Key) -> dict[str, Any]:
+    row, (method, metric, condition) = cells.get(key), key
+    if row is None or not math.isfinite(row["value"]):
+        about = row["note"] if row else "not measured"
         return {"text": "–", "value": None, "about": about, "best": False, "below": False}
-    digits, mark = decimals(metric, row.measured), MOVED * is_coarse(metric, row.measured)
+    digits, mark = decimals(metric, row["images_of"]), MOVED * is_coarse(metric, row["images_of"])
     about = [f"{method}, {metric}, {condition_words(condition)}"]
-    if math.isfinite(row.low):
-        about.append(f"95 % interval {shown(row.low, digits)} to {shown(row.high, digits)}")
-    if row.failed:
-        about.append(f"{row.n_ok} of {row.n} images, the others scored as blank ones")
-
-    def beaten_by(other: Any) -> bool:
-        return prints_better(metric, other.value, row.value, row.measured, other.measured)
-
-    others = [r for key, r in cells.items() if key[1:] == (metric, condition)]
-    rivals = [r for r in others if math.isfinite(r.value) and not role(r.method)]
+    if math.isfinite(row["low"]):
+        about.append(f"95 % interval {shown(row['low'], digits)} to {shown(row['high'], digits)}")
+    if row["failed"]:
+        about.append(f"{row['n_ok']} of {row['n']} images, the others scored as blank ones")
+    blank = cells.get((FLOOR, metric, condition))
     return {
-        "text": f"{mark}{shown(row.value, digits)}{'*' * row.failed}",
-        "value": row.value,
+        "text": f"{mark}{shown(row['value'], digits)}{'*' * row['failed']}",
+        "value": row["value"],
         "about": "; ".join(about),
-        "best": row in rivals and len(rivals) > 1 and not any(map(beaten_by, rivals)),
-        "below": any(beaten_by(r) for r in others if r.method == FLOOR),
+        "best": key in best,
+        "below": blank is not None and is_better(blank, row),
     }

@@ -16,8 +16,8 @@ from typing import Any
 import pandas as pd
 from threadpoolctl import threadpool_limits
 
-from bench.analysis.comparison import NAN
-from bench.analysis.digits import decimals, prints_better
+from bench.analysis.comparison import NAN, is_better
+from bench.analysis.digits import decimals
 from bench.analysis.paper import (
     AVERAGE,
     PAPER_METHODS,
@@ -281,7 +281,7 @@ def _which_are_chosen(rows: pd.DataFrame) -> str:
     sentences = []
     for name, chosen in CHOSEN.items():
         of_name = rows[(rows["method"] == name) & ~rows["skipped"].astype(bool)]
-        best = dict(of_name.set_index(["metric", "condition"])["measured"].items())
+        best = dict(of_name.set_index(["metric", "condition"])["images_of"].items())
         if best:
             sentences.append(chosen.in_words({cell: best[cell] for cell in cells if cell in best}))
     return " ".join(sentences)
@@ -440,14 +440,8 @@ def best_printed(rows: Iterable[dict[str, Any]]) -> set[tuple[str, str, str]]:
         (*key, row["method"])
         for key, of_cell in by_cell.items()
         for row in of_cell
-        if len(of_cell) > 1 and not any(is_worse(row, other) for other in of_cell)
+        if len(of_cell) > 1 and not any(is_better(other, row) for other in of_cell)
     }
-
-
-def is_worse(row: Mapping[str, Any], other: Mapping[str, Any]) -> bool:
-    """Return whether a value is worse than another in the digits that both are printed with."""
-    methods = row["measured"], other["measured"]
-    return prints_better(row["metric"], other["value"], row["value"], *methods)
 
 
 def _cell(row: Mapping[str, Any], best: Container[tuple[str, str, str]]) -> Cell:
@@ -460,7 +454,7 @@ def _cell(row: Mapping[str, Any], best: Container[tuple[str, str, str]]) -> Cell
     return replace(
         quality_cell(row),
         count=(row["n_ok"], row["n"]),
-        blank=shown(blank, decimals(row["metric"], row["measured"])) if beside else None,
+        blank=shown(blank, decimals(row["metric"], row["images_of"])) if beside else None,
         paper=paper,
         special=BEST if is_best else None,
     )
@@ -469,7 +463,7 @@ def _cell(row: Mapping[str, Any], best: Container[tuple[str, str, str]]) -> Cell
 def quality_cell(row: Mapping[str, Any]) -> Cell:
     """Return the cell of a value with its interval alone."""
     estimate = row["value"], row["ci_low"], row["ci_high"]
-    return measured(estimate, row["metric"], row["measured"])
+    return measured(estimate, row["metric"], row["images_of"])
 
 
 def _about(rows: Sequence[Mapping[str, Any]]) -> str:

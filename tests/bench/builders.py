@@ -193,7 +193,7 @@ def value_row(method="splat", value=0.5, condition="2048", metric="ssim", **chan
     """A row of a quality table, as its columns; skipped and failed as note and numbers say."""
     row = {**NOTHING, "suite": "s", "method": method, "condition": condition, "class": "chair"}
     row |= {"metric": metric, "value": value, "failures_as_blank": value, "n_ok": 2, "n": 2}
-    row |= {"measured": method} | changes
+    row |= {"images_of": method} | changes
     failed = row["n_ok"] + row["undefined"] < row["n"]
     return row | {"skipped": row["note"].startswith("skipped"), "failed": failed}
 

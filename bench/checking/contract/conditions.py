@@ -71,9 +71,13 @@ def facts(name: str) -> Mapping[str, Any]:
     return {"frozen dataclass of its parameters, by its repr,": _condition(name).key}
 
 
+def _perturbed_chairs(name: str) -> list[PointCloud]:
+    return [_perturbed(name, chair(index), str(index)) for index in range(OBJECTS)]
+
+
 def check_clouds(name: str) -> Passed:
     """Perturb clouds, and check what comes back."""
-    counts = [len(_perturbed(name, chair(index), str(index))) for index in range(OBJECTS)]
+    counts = list(map(len, _perturbed_chairs(name)))
     least, most = min(counts), max(counts)
     points = f"{least:,}" if least == most else f"{least:,} to {most:,}"
     return Passed(f"{len(chair()):,} points become {points}, float32 [N, 3], finite")
@@ -81,15 +85,12 @@ def check_clouds(name: str) -> Passed:
 
 def check_place(name: str) -> Passed:
     """Check that points stay where objects are, in the unit sphere or near it."""
-    radii = [
-        float(np.linalg.norm(_perturbed(name, chair(index), str(index)).points, axis=1).max())
-        for index in range(OBJECTS)
-    ]
-    if max(radii) > FAR:
+    farthest = max(np.linalg.norm(c.points, axis=1).max() for c in _perturbed_chairs(name))
+    if farthest > FAR:
         raise ContractViolation(
-            f"the farthest point lies at {max(radii):.3g}; objects are in the unit sphere"
+            f"the farthest point lies at {farthest:.3g}; objects are in the unit sphere"
         )
-    return Passed(f"the farthest point lies at {max(radii):.3f}; objects are in the unit sphere")
+    return Passed(f"the farthest point lies at {farthest:.3f}; objects are in the unit sphere")
 
 
 def check_others(name: str) -> Passed:

@@ -127,7 +127,7 @@ def test_every_value_of_the_tables_is_in_the_page(of_random_values, document):
         two, one = row.metric in ("psnr", *CONTROL_METRICS), row.metric.startswith("fd-")
         # Fewer of some methods (results/decimals.csv).
         every = 2 if two else 1 if one else 3
-        digits = min(every, decimals(row.metric, row.measured))
+        digits = min(every, decimals(row.metric, row.images_of))
         mark = "≈" * (digits < every)
         better = "(higher is better)" if higher_is_better(row.metric) else "(lower is better)"
         columns, lines = shown[f"{row.metric}, chair {better}"]

@@ -4,12 +4,13 @@ from __future__ import annotations
 
 import pytest
 
+from bench.analysis.comparison import is_better
 from bench.catalogue.suites import TableSpec
 from bench.report.headline import compact_table
 from bench.report.run_figures import quality_frame
 from bench.tables.differences import comparison_lines, difference_cell
 from bench.tables.grid import BEST, FEWER, Grid
-from bench.tables.quality import all_methods, best_printed, is_worse
+from bench.tables.quality import all_methods, best_printed
 from bench.tables.terminal import STAR, grid_lines
 
 from ..builders import value_frame, value_row
@@ -39,10 +40,10 @@ def test_a_value_with_blank_images_has_the_same_digits():
 
 def test_the_best_are_compared_in_the_digits_that_both_have():
     apss, splat, pc2pix = ROWS
-    assert not is_worse(apss, splat)  # 0.78 and 0.78
-    assert not is_worse(splat, apss)
-    assert is_worse(pc2pix, apss)
-    assert is_worse(row("splat", 0.776), row("pc2pix", 0.777))
+    assert not is_better(splat, apss)  # 0.78 and 0.78
+    assert not is_better(apss, splat)
+    assert is_better(apss, pc2pix)
+    assert is_better(row("pc2pix", 0.777), row("splat", 0.776))
     assert {method for _, _, method in best_printed(ROWS)} == {"surface-apss", "splat"}
     assert best_printed(ROWS[:1]) == set()  # alone it competes with none
     references = (value_row("true-mesh", 1.0), value_row("blank", 0.9))  # no rivals
