@@ -12,7 +12,8 @@ import pandas as pd
 import pytest
 from scipy.stats import t
 
-from bench.analysis.paired import Verdicts, paired_differences, two_methods
+from bench.analysis.comparison import Estimate
+from bench.analysis.paired import Verdicts, paired_differences, two_methods, who_is_ahead
 from bench.records.run_folder import read_manifest, write_manifest
 
 from ..builders import overwrite, write_run
@@ -302,3 +303,18 @@ def test_what_has_no_object_in_common_is_no_comparison(refused, two_runs):
     assert not (two_runs[1] / "comparisons").exists()
     said = refused("recommend", str(two_runs[0]), "--metric", "ssim", "--budget-ms", "50")
     assert said.startswith("no object of this run has scores")
+
+
+@pytest.mark.parametrize(
+    ("lead", "ahead"),
+    [
+        ((0.2, 0.1, 0.3), "b"),
+        ((-0.2, -0.3, -0.1), "a"),
+        ((0.1, -0.1, 0.3), "tie"),
+        ((0.1, 4e-6, 0.2), "tie"),  # sums in another order differ by as much
+        ((-0.1, -0.2, -4e-6), "tie"),
+        ((0.1, math.nan, math.nan), "unknown"),
+    ],
+)
+def test_a_side_is_ahead_by_an_interval_that_leaves_out_0(lead, ahead):
+    assert who_is_ahead(Estimate(*lead)) == ahead

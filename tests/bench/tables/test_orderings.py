@@ -107,6 +107,15 @@ def test_an_object_without_a_value_leaves_the_average_an_interval():
     assert interval(found) == pytest.approx(mean_interval(*differences), abs=1e-12)
 
 
+def test_the_average_is_of_the_classes_in_which_both_have_a_value():
+    without = records()
+    lost = (without["class"] == "lamp") & (without["method"] == "surface-apss")
+    without.loc[lost, "ssim"] = math.nan
+    found = row(of_run(without), "average")
+    assert found.lead == pytest.approx((0.105 + 0) / 2, abs=1e-12)
+    assert (found.surface, found.network) == pytest.approx((0.655, 0.655 + 0.0525), abs=1e-12)
+
+
 def test_distances_are_ahead_where_they_are_smaller():
     frame = feature_index(("surface-apss", "pc2pix@all", "blank"), dict.fromkeys(LEADS, OBJECTS))
     values = np.random.default_rng(0).random((len(frame), 3), np.float32)
