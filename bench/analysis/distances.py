@@ -9,7 +9,7 @@ from typing import Any, NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
-from bench.analysis.intervals import clipped, debiased, jackknife_interval
+from bench.analysis.intervals import clipped, jackknife_error, jackknife_interval
 from bench.catalogue.methods import FLOOR, known_method
 from bench.metrics.frechet import (
     EXACT_OBJECTS,
@@ -44,8 +44,14 @@ class Distance(NamedTuple):
 
     @property
     def debiased(self) -> float:
-        """Return the distance of infinitely many objects; NaN for a kernel's, which has no bias."""
-        return float("nan") if self.kernel else debiased(self.value, self.leave_one_out)
+        """Return the distance of infinitely many objects, by the jackknife (Quenouille 1956).
+
+        Extrapolated in 1 / g. NaN without an interval, and for a kernel's, which has no bias.
+        """
+        if self.kernel or jackknife_error([self.leave_one_out]) is None:
+            return float("nan")
+        count = len(self.leave_one_out)
+        return float(count * self.value - (count - 1) * self.leave_one_out.mean())
 
 
 class FeatureDistances:

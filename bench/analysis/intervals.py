@@ -131,17 +131,6 @@ def clipped(interval: tuple[float, float], values: tuple[float, float]) -> tuple
     return float(low), float(high)
 
 
-def debiased(value: float, leave_one_out: Floats) -> float:
-    """Return a distance as it would be with infinitely many objects, by the jackknife.
-
-    Extrapolated in 1 / g: g value - (g - 1) mean(leave_one_out) (Quenouille 1956). NaN without a
-    `jackknife_error`.
-    """
-    if not _enough([leave_one_out]):
-        return float("nan")
-    return float(len(leave_one_out) * value - (len(leave_one_out) - 1) * leave_one_out.mean())
-
-
 def mean_error(per_object: Sequence[Floats]) -> StandardError | None:
     """Return the standard error of the mean over classes of the means over objects.
 

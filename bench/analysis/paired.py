@@ -200,9 +200,6 @@ class Verdicts:
         return self.difference(worse, better, metric, condition, class_name)["ahead"] == "b"
 
 
-def verdicts_of(
-    run: Run, metrics: Sequence[str] = (), methods: Iterable[str] | None = None
-) -> Verdicts:
+def verdicts_of(run: Run, metrics: Sequence[str], methods: Iterable[str] | None = None) -> Verdicts:
     """Return the verdicts of a run class by class, also by the metrics of a table."""
-    further = run.compared(metrics, methods) if metrics else None
-    return Verdicts(run.compared(run.headline, methods), further)
+    return Verdicts(run.compared(run.headline, methods), run.compared(metrics, methods))

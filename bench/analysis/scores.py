@@ -45,7 +45,7 @@ NO_VALUE = "no value"
 # failures_as_blank  the value with a blank image in place of each failed one
 # note               why there is no value, or the reasons of the failures and how many existing
 #                    images have no value; for a chosen method first which method it is
-# debiased           a Frechet distance without the bias of few objects (`intervals.debiased`)
+# debiased           a Frechet distance without the bias of few objects (`Distance.debiased`)
 # trained_on         the objects that a network was trained on; "nothing" for methods that are not
 #                    trained, empty where it is unknown
 # objective          what the weights of a network were trained with; empty for other methods

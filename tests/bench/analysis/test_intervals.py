@@ -9,7 +9,6 @@ from bench.analysis.intervals import (
     FEWEST,
     RESAMPLES,
     clipped,
-    debiased,
     jackknife_error,
     jackknife_interval,
     mean_error,
@@ -151,9 +150,9 @@ def test_what_no_value_can_be_is_clipped():
 
 def test_a_bias_in_one_over_the_number_of_objects_goes():
     """3 + 5 / g of all g = 8, and 3 + 5 / 7 without each."""
-    assert debiased(3 + 5 / 8, np.full(8, 3 + 5 / 7)) == pytest.approx(3.0, abs=1e-12)
-    assert np.isnan(debiased(3.0, np.full(FEWEST - 1, 3.0)))
-    assert np.isnan(debiased(3.0, np.array([np.nan] * 8)))
+    assert Distance(3 + 5 / 8, np.full(8, 3 + 5 / 7)).debiased == pytest.approx(3.0, abs=1e-12)
+    assert np.isnan(Distance(3.0, np.full(FEWEST - 1, 3.0)).debiased)
+    assert np.isnan(Distance(3.0, np.array([np.nan] * 8)).debiased)
 
 
 def test_without_spread_a_difference_is_certain():
