@@ -229,7 +229,7 @@ def _cost(cost_ms: Floats) -> Estimate:
     return Estimate(float(np.median(cost_ms[known])), *interval)
 
 
-def is_better(a: Row, b: Row) -> bool:
+def is_better(a: Mapping[Any, Any], b: Mapping[Any, Any]) -> bool:
     """Return whether a row is better than another in the digits that both are printed with."""
     return prints_better(a["metric"], a["value"], b["value"], a["images_of"], b["images_of"])
 

@@ -71,6 +71,13 @@ def worked_table(records=WORKED, published=None):
     return image_table(run, PAPER_LAYOUT, published or {})
 
 
+def test_a_metric_that_was_not_measured_says_why():
+    run = scored_records(to_frame(WORKED), SUITE, skipped={"structure": "skipped: no weights"})
+    row = cell(image_table(run, SPEC, {}), method="splat", condition="2048", metric="structure")
+    assert (row.note, row.skipped, row.n_ok) == ("skipped: no weights", True, 4)
+    assert np.isnan([row.value, row.ci_low, row.failures_as_blank]).all()
+
+
 def test_a_table_worked_by_hand():
     at = [("chair", "ssim", "2048"), ("chair", "ssim", "512"), ("chair", "contrast", "2048")]
     values = zip((*at, ("sofa", "ssim", "2048")), (0.7, 0.1, 0.2, 0.3), strict=True)
