@@ -320,14 +320,6 @@ def test_distances_of_few_images(metric):
             computed(metric, flat(0, few), flat(255, few))
 
 
-def test_of_colour_only_the_luma_counts_in_grey():
-    luma = np.floor((boxes() @ np.array([299.0, 587.0, 114.0]) + 500) / 1000)  # rounded half up
-    grey = np.repeat(luma.astype(np.uint8)[..., None], 3, axis=-1)
-    features = extractor("fd-views-grey")(grey)
-    within = rounding_of_frechet(features, features)
-    assert 0 <= computed("fd-views-grey", boxes(), grey) <= within
-
-
 # --- angles ---------------------------------------------------------------------------------------
 
 

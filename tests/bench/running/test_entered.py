@@ -9,7 +9,6 @@ import shlex
 import shutil
 import subprocess
 import sys
-from dataclasses import replace
 from hashlib import sha256
 from importlib.util import find_spec
 from pathlib import Path
@@ -26,7 +25,6 @@ from bench.running.export import export
 from bench.running.options import Options
 from bench.running.plan import ObjectJobs, plan
 from bench.running.protocol import Protocol
-from bench.running.work import run_job
 from data_prep.datasets.exported import checksum_of
 from data_prep.files.clouds import load_points
 from data_prep.rendering.images import to_uint8
@@ -96,27 +94,6 @@ def test_the_checksum_is_that_of_the_two_lists(exported, tree):
     lists = b"".join((exported / f"{name}.csv").read_bytes() for name in ("clouds", "views"))
     assert checksum_of(exported) == sha256(lists).hexdigest()
     assert f'export = "{checksum_of(exported)}"' in (tree / "method.toml").read_text()
-
-
-def test_a_missing_image_fails_its_cloud_and_no_other(no_machine, exported, tree):
-    (tree / "512/chair/test-0000/01.png").unlink()
-    first, second = (
-        replace(obj, truth=replace(obj.truth, features=()))
-        for obj in jobs_of(exported, f"images:{tree}")
-    )
-    results = {}
-    for obj in (first, second):
-        for job in obj.method_jobs:
-            if job.method == "our-splat":
-                name = job.condition, job.object.object_id
-                results[name] = run_job(replace(job, features=(), reference=None))
-    reasons = {name: result.reason for name, result in results.items()}
-    assert reasons == {
-        ("2048", "test-0000"): "",
-        ("512", "test-0000"): "images: no image at 512/chair/test-0000/01.png",
-        ("2048", "test-0001"): "",
-        ("512", "test-0001"): "",
-    }
 
 
 def test_only_what_has_changed_is_done_again(no_machine, exported, tree):

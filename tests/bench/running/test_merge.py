@@ -224,14 +224,6 @@ def test_more_shards_than_objects(finished, same_machine, tiny_weights, tmp_path
         as_shard(finished, tiny_weights, tmp_path / "out", 4, 4)
 
 
-def test_every_nth_from_the_kth():
-    assert Shard(1, 3).select("abcdefgh") == ("a", "d", "g")
-    assert Shard(2, 3).select("abcdefgh") == ("b", "e", "h")
-    assert Shard(3, 3).select("abcdefgh") == ("c", "f")
-    assert Shard(1, 1).select("ab") == ("a", "b")
-    assert Shard(3, 3).select("ab") == ()
-
-
 @given(st.lists(st.integers(), max_size=40), st.integers(1, 12))
 def test_what_was_interleaved_comes_back_in_its_order(things, count):
     assert interleave([Shard(k, count).select(things) for k in range(1, count + 1)]) == things

@@ -191,6 +191,8 @@ def test_a_suite_in_grey_has_the_same_points_and_views_of_grey_objects(tmp_path)
         drawn = run_job(truth)
         scored = [replace(job, reference=drawn.arrays["images"]) for job in others]
         made[suite.truth] = [(truth, drawn), *((job, run_job(job)) for job in scored)]
+    chair = objects[0].fingerprint()
+    assert made["grey"][0][0].object.fingerprint() == f"unpainted {chair}"
     for (colour, _), (grey, _) in zip(made["coloured"], made["grey"], strict=True):
         assert colour.key != grey.key
         assert (colour.method, colour.views) == (grey.method, grey.views)

@@ -152,12 +152,6 @@ def test_a_run_that_was_killed_while_its_tables_were_made_is_kept(
     assert (len(wide.methods), len(wide.objects)) == (4, 3)
 
 
-def test_fresh_keeps_nothing(tmp_path, no_machine):
-    write_manifest(tmp_path, make_manifest(device="auto"))
-    protocol = asked(tmp_path, methods=("splat",), fresh=True)
-    assert (tuple(protocol.methods), protocol.shown) == (("splat", "blank"), frozenset())
-
-
 def test_a_shard_of_other_objects_is_refused(tmp_path, no_machine):
     here = make_manifest(device="auto", shard="1/2", objects=["chair/test-0000", "chair/test-0002"])
     write_manifest(tmp_path, here)

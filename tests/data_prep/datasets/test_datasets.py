@@ -17,7 +17,6 @@ import data_prep
 from data_prep.clouds.orientations import PAPER
 from data_prep.datasets import procedural, registry
 from data_prep.datasets.folder import BareCloud
-from data_prep.datasets.objects import GreyObject
 from data_prep.datasets.protocol_version import CHANGES, PROTOCOL_VERSION
 from data_prep.datasets.registry import (
     Dataset,
@@ -33,7 +32,7 @@ from data_prep.failures import BadInput
 from data_prep.files.clouds import clouds_below
 from data_prep.files.safe_read import files_below
 from data_prep.randomness import generator
-from data_prep.scene import NEUTRAL_GREY, Mesh
+from data_prep.scene import Mesh
 from data_prep.shapes.catalogue import CLASSES, FAMILIES, NOVEL_CLASSES, NOVEL_FAMILIES
 
 ROOT = Path(data_prep.__file__).parents[1]
@@ -112,25 +111,6 @@ def test_no_training_study_or_default_takes_the_sealed_split() -> None:
     assert named == OPENS_THE_SEALED
     for spec in ("procedural:sealed", "procedural:novel-families"):  # what a training gets of it
         assert ids(open_dataset(spec), "chair", 1, "train") == ["train-0000"]
-
-
-def test_grey_objects_differ_in_their_colours_only() -> None:
-    chair = ProceduralObject("chair", "test", 3)
-    grey = GreyObject(chair)
-    assert (grey.class_name, grey.object_id, grey.has_truth) == ("chair", "test-0003", True)
-    assert grey.fingerprint() == f"unpainted {chair.fingerprint()}"
-    one, other = chair.load(), grey.load()
-    np.testing.assert_array_equal(other.vertices, one.vertices)
-    np.testing.assert_array_equal(other.faces, one.faces)
-    assert (other.face_colors == NEUTRAL_GREY).all()
-    views, same = (obj.views(2, generator("views")) for obj in (chair, grey))
-    assert views == same
-    clouds = [obj.cloud(generator("cloud")).points for obj in (chair, grey)]
-    np.testing.assert_array_equal(*clouds)
-    colour, neutral = chair.truth(views), grey.truth(views)
-    assert (neutral == neutral[..., :1]).all()
-    assert (colour != colour[..., :1]).any()
-    np.testing.assert_array_equal((neutral < 255).any(axis=-1), (colour < 255).any(axis=-1))
 
 
 def test_the_page_lists_the_versions_of_the_protocol_and_names_the_last() -> None:
