@@ -44,7 +44,6 @@ from learning.weights import FILES, objective_of
 from pc2pix.weights import load_weights
 from tests.data_prep.dataset_trees import gltf_binary
 
-CANARY = "canary"  # begins the name of whatever an executed file would leave behind
 SECRET = "secret"  # a file beside the cases' folders, which no case may read
 PORT = 9  # "discard"; the hook sees who tries to connect
 FACES = [(0, 2, 1), (0, 3, 2), (0, 1, 3), (1, 2, 3)]

@@ -26,6 +26,7 @@ RENDERING |= {
         "--elevation nan": "no such view: elevation_deg must lie in -90..90, got nan",
         "--format bmp": "Invalid value for '--format': 'bmp' is not one of 'png', 'jpg', ",
         "--up w": "up 'w': no axis; give one of x, -x, y, -y, z, -z",
+        "--up y --front=+z": "front '+z': no axis; give one of x, -x, y, -y, z, -z",
         "--up z --front=-z": "front '-z': along up, which is 'z'; give one of x, ",
         "--points 0": "--points 0: must be at least 1",
         "--frames 12": "--frames 12: out.png is one image; give a turntable's name, .g",

@@ -322,8 +322,8 @@ CASES: dict[str, str] = {
     "train splat-net --batch 7": "batch 7: 2 views of a cloud are drawn together; use a multiple o",
     "train splat-net --views 1": "1 views of an object: at least 2 are drawn together; render more",
     **{
-        f"train gan --for {text}": f"--for {text}: give a time over 0 with its unit, as in 90s, 2m"
-        for text in ("0s", "-1m", "soon", "9")
+        f"train gan --for='{text}'": f"--for {text}: give a time over 0 with its unit, as in 90s"
+        for text in ("", "2", "m", "0s", "0.0h", "-2m", "2 m", "2min", "1e3s", "nan", "٢m", "2m30s")
     },
     "train autoencoder --objects 1 --out x --for 0.001s": "--for 0.001s: over before the first ste",
     "train constant --views 0": "--views 0: must be at least 1",

@@ -23,7 +23,6 @@ from ..builders import (
     make_job,
     make_record,
     make_result,
-    refusal,
     rewrite,
     to_frame,
     write_all,
@@ -84,12 +83,6 @@ def test_what_is_read_and_written_some_at_a_time_is_in_one_order(tmp_path, size)
     none = read_records(tmp_path, columns, method="a")
     assert none.to_dict("list") == {name: [] for name in columns}
     assert none.dtypes.equals(found.dtypes)
-
-
-def test_a_folder_without_a_store_is_not_finished(tmp_path):
-    for read in (read_records, read_job_sums):
-        assert "the run is not finished, start it again" in refusal(read, tmp_path)
-    assert list(tmp_path.iterdir()) == []
 
 
 def test_interrupted_records_leave_the_old_ones(tmp_path, monkeypatch):

@@ -13,7 +13,6 @@ from bench.records.record import GROUND_TRUTH
 from bench.records.store import open_store
 from bench.running.isolation import submit_all
 from bench.running.plan import Budget, Schedule, end_s, plan, seconds_of, seeded_turns
-from data_prep.failures import BadInput
 
 from ..builders import make_protocol
 
@@ -180,26 +179,11 @@ def test_the_costs_that_count_are_those_of_whole_objects():
         assert budget.allows(2, 1.0) == allowed
 
 
-def test_a_budget_too_short_for_one_object_says_how_much_it_takes():
-    Budget(None, 1e9).check()
-    Budget(60.0, 10.0).check()
-    with pytest.raises(BadInput, match=r"--budget 12s: too short for one object .* at least 32s"):
-        Budget(12.0, 10.0).check()
-
-
 @pytest.mark.parametrize(
     ("text", "seconds"), [("90s", 90), ("2m", 120), ("1.5h", 5400), (" 0.5m ", 30)]
 )
 def test_times(text, seconds):
     assert seconds_of(text) == seconds
-
-
-@pytest.mark.parametrize(
-    "text", ["", "2", "m", "0s", "0.0h", "-2m", "2 m", "2min", "1e3s", "nan", "٢m", "2m30s"]
-)
-def test_what_is_no_time(text):
-    with pytest.raises(BadInput, match=r"--budget .*: give a time over 0 with its unit"):
-        seconds_of(text)
 
 
 CHAIRS = [f"chair/{i:03d}" for i in range(40)]

@@ -13,7 +13,6 @@ from data_prep.clouds.orientations import (
     Orientation,
     upright,
 )
-from data_prep.failures import BadInput
 from tests.data_prep.dataset_trees import from_ours
 
 ALL = [OURS, SHAPENET_V1, SHAPENET_V2, MODELNET, PAPER]
@@ -70,17 +69,3 @@ def test_values_that_are_not_finite_stay_and_our_own_axes_change_no_bit():
     assert upright(np.empty((0, 3)), "z").shape == (0, 3)
     points = np.array([[np.inf, 2.0, np.nan]])
     assert np.array_equal(upright(points, "z"), [[-np.inf, np.nan, 2.0]], equal_nan=True)
-
-
-@pytest.mark.parametrize(
-    ("axes", "message"),
-    [
-        (("w",), "up 'w': no axis; give one of x, -x, y, -y, z, -z"),
-        (("y", "+z"), "front '+z': no axis; give one of x, -x, y, -y, z, -z"),
-        (("z", "-z"), "front '-z': along up, which is 'z'; give one of x, -x, y, -y"),
-    ],
-)
-def test_axes_that_are_none(axes, message):
-    with pytest.raises(BadInput) as error:
-        upright(np.empty((0, 3)), *axes)
-    assert str(error.value) == message

@@ -35,9 +35,6 @@ COLOUR = (180, 120, 60)
 # differences of float32 eye coordinates of order 4 (half an ulp is 2.4e-7) one pixel apart (4 / 232
 # = 0.017): 3e-5, which moves 255 cos(t)^(1/2.2) by 255 / 2.2 tan(t) * 3e-5 = 0.01 at 70 degrees.
 LEVEL = 0.5 + 0.02
-# The four samples of a pixel lie within its square, whose corners are sqrt(0.5) = 0.707 from its
-# centre; the rasteriser snaps vertices to 1/256 pixel. What is farther from an edge is not touched.
-CLEAR_PX = 0.72
 
 
 def grid(side: int) -> tuple[tuple[float, float], ...]:
