@@ -99,6 +99,12 @@ def test_good_methods_keep_each_point(name, point):
     (CHECKS[broken_methods] | OF_ALL)[point](f"{broken_methods.__name__}:{name}")
 
 
+def test_a_condition_meets_clouds_of_files_and_of_other_datasets():
+    passed = conditions.check_others(f"{broken_conditions.__name__}:GOOD")
+    others = "one point, three points, equal points, points in a plane, 20,000 points"
+    assert passed.text == others
+
+
 @pytest.mark.slow
 @pytest.mark.parametrize(("module", "name"), FAULTS, ids=label)
 def test_every_fault_is_named(module, name, elsewhere):

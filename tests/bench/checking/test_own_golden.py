@@ -54,6 +54,7 @@ def test_a_cell_that_is_worse_by_three_thousandths_is_a_regression(run, tmp_path
     assert line.startswith(
         "REGRESSION lpips of splat at 2048: 10 of 10 objects moved by more than 0.000001: bench/"
     )
+    assert (line.count("golden "), line.endswith("; ...")) == (3, True)  # the largest moves alone
     assert (run / "figures" / "moved.png").exists()
     for width, status in (("0.0031", 0), ("0.0029", 1)):
         told, out, _ = command(*check, "--tolerance", f"lpips={width}")
