@@ -183,9 +183,16 @@ def test_verify_finds_what_was_altered(copied, command):
 
 def test_an_altered_file_is_not_used(copied, jobs):
     (obj, _) = jobs(f"exported:{copied}")
-    (copied / "clouds/chair/00000/512.ply").write_bytes(b"ply")
-    with pytest.raises(BadInput, match=r"512\.ply: not the file of the list"):
-        cloud_under(obj.method_jobs[1], "512")
+    job = obj.method_jobs[1]
+    for file, read in (
+        ("clouds/chair/00000/512.ply", lambda: cloud_under(job, "512")),
+        ("images/chair/00000/02.png", lambda: job.object.truth(job.views)),
+        ("meshes/chair/00000.ply", job.object.load),
+    ):
+        other = (copied / file.replace("00000", "00001")).read_bytes()  # whole, and another's
+        (copied / file).write_bytes(other)
+        with pytest.raises(BadInput, match=f"{file}: not the file of the list"):
+            read()
 
 
 @pytest.mark.filterwarnings("ignore::DeprecationWarning")  # of the libraries of mlcroissant
