@@ -8,11 +8,12 @@ from pathlib import Path
 
 import pytest
 
+from bench.analysis.paper import AVERAGE
 from bench.catalogue.chosen import BEST_CLASSICAL, measured_methods
 from bench.catalogue.methods import find_method
 from data_prep.datasets.protocol_version import PROTOCOL_VERSION
 from studies import measurements
-from studies.measurements import FIRST, MEASUREMENTS, NUMBERS, differences_of
+from studies.measurements import FIRST, JUDGES, MEASUREMENTS, NUMBERS, differences_of
 
 SMALL = measurements.QuotedRun(
     "--suite chair-robustness --methods alpha-wrap,splat,blank --conditions 2048 --limit 2 "
@@ -41,6 +42,20 @@ def test_files_are_of_this_protocol_and_of_the_methods_that_their_run_measures(n
     pairs = lines(NUMBERS / differences_of(name)) if MEASUREMENTS[name].compared else []
     assert {row["method_b"] for row in pairs} == set(MEASUREMENTS[name].compared)
     assert {row["method_a"] for row in pairs} <= {BEST_CLASSICAL}
+
+
+@pytest.mark.parametrize("name", [n for n, m in MEASUREMENTS.items() if m.metrics == JUDGES])
+def test_further_metrics_have_the_mean_of_their_classes(name):
+    cells: dict[tuple[str, ...], dict[str, float]] = {}
+    for row in lines(NUMBERS / f"{name}.csv"):
+        cell = row["method"], row["condition"], row["metric"]
+        cells.setdefault(cell, {})[row["class"]] = float(row["value"])
+    assert {metric for *_, metric in cells} == {*JUDGES}
+    for cell, values in cells.items():
+        average = values.pop(AVERAGE)
+        assert len(values) == 13, cell
+        # all of six decimals, so half a unit of each
+        assert average == pytest.approx(sum(values.values()) / 13, abs=1e-6), cell
 
 
 def test_a_run_of_speed_becomes_the_table_of_costs(tmp_path):
