@@ -69,10 +69,9 @@ def _shares(
     creased = ((dark - light - _EVEN) / (_CREASED - _EVEN)).clamp(0, 1)
     outline = (-(differences / _OUTLINE).square()).exp()
     shading = clean * creased * (-(differences / _SHADING).square()).exp()
-    seen = cover.flatten(2).amax(dim=2)[:, :, None, None] > 0
     # what the network leaves out is no outline: a piece that a mesh has beside the object
     near = (spread(alpha, window, torch.maximum) > 0.5)[:, None]
-    return torch.where((most > 0.5) & (least < 0.5), outline, shading) * (seen & near)
+    return torch.where((most > 0.5) & (least < 0.5), outline, shading) * near
 
 
 def _around(planes: Tensor, window: int, combine: Callable[[Tensor, Tensor], Tensor]) -> Tensor:

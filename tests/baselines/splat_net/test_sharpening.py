@@ -64,6 +64,14 @@ def test_a_mesh_has_the_more_of_a_pixel_the_nearer_it_is_to_what_is_drawn(
     assert taken(channels, drawn, OUTSIDE) == 1
 
 
+def test_an_outline_is_as_wide_in_a_larger_image():
+    channels, drawn = (some.repeat_interleave(2, dim=3) for some in scene(NOISY))
+    drawn[:, 1] += 40 / 255
+    edge = 2 * OUTLINE + 1
+    shares = [(taken(channels, drawn, edge - k) - NEUTRAL) * 255 / 40 + 2 for k in range(6)]
+    assert shares == pytest.approx([math.exp(-1)] * 4 + [0] * 2, abs=1e-5)
+
+
 @pytest.mark.parametrize(
     ("noise", "crease", "part"),
     [((CLEAN + NOISY) / 2, 40, 0.5), (CLEAN, 30, 0.5), (CLEAN, 20, 0), (CLEAN, 60, 1)],
