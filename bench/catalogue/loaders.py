@@ -93,7 +93,7 @@ OCCUPANCY_NET = _NetworkPackage(
 FUSED_NET = _NetworkPackage(
     "baselines.fused_net",
     ("embreex", "pymeshlab", "scikit-image", "scipy", "torch"),
-    4,
+    5,
     "bench train fused-net",
     beside=OCCUPANCY_NET,
 )

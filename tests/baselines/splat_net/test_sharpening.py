@@ -96,20 +96,24 @@ def test_a_mesh_where_nothing_is_drawn_does_not_show():
     assert taken(channels, drawn, OUTLINE) == pytest.approx(expected, abs=1e-6)
 
 
-def test_the_nearer_of_two_meshes_is_taken():
-    channels, drawn = scene()
+def test_an_image_takes_from_the_last_mesh_that_it_shows():
+    channels, drawn = scene(crease=60)
     second = INPUTS.of_points + 5
-    channels[:, second : second + 5] = channels[:, second - 5 : second]
-    channels[:, second + 4] *= 0.5
-    drawn[:, 1] = 1 - NEUTRAL * 0.5 ** (1 / 2.2)
-    assert taken(channels, drawn, CREASE) == pytest.approx(1 - drawn[0, 1, 0, 0].item(), abs=1e-6)
+    channels = channels.repeat(2, 1, 1, 1)
+    channels[1, second : second + 5] = channels[1, second - 5 : second]
+    channels[1, second + 4] *= 0.9
+    alpha, darkness = take_meshes(drawn.repeat(2, 1, 1, 1), channels, INPUTS)[:, :, 16, CREASE].T
+    levels = 255 * NEUTRAL * (1 - 0.9 ** (1 / 2.2))  # that the second mesh is darker by
+    share = math.exp(-((levels / 20) ** 2))
+    expected = [NEUTRAL, NEUTRAL - share * levels / 255]
+    assert (1 - alpha * darkness).tolist() == pytest.approx(expected, abs=1e-6)
 
 
 def test_without_a_mesh_in_sight_it_is_what_the_network_draws():
     channels, _ = scene()
     channels[:, INPUTS.of_points :] = 0
     drawn = torch.rand(1, 2, 32, 128)
-    assert take_meshes(drawn, channels, INPUTS) is drawn
+    torch.testing.assert_close(take_meshes(drawn, channels, INPUTS), drawn, rtol=0, atol=1e-6)
 
 
 @pytest.mark.parametrize("size", [128, 256])
