@@ -5,8 +5,8 @@ mesh of the cloud has sharp ones, and where it is wrong the network does not fol
 of an outline or a crease in which both nearly agree becomes the mesh's; others stay as drawn.
 
 On 26 validation objects LPIPS falls by 12 % for 2,048 and 512 points and by 6 to 7 % under noise,
-and SSIM by .001. Shares that the network learned itself, by the error of the mixture
-or of each layer, came out near 0, and LPIPS stayed what it was.
+and SSIM by .001. Shares that the network learned itself, by the error of the mixture or of each
+layer, came out near 0, and LPIPS stayed what it was.
 """
 
 from __future__ import annotations

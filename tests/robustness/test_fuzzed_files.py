@@ -79,7 +79,7 @@ def root():
 @pytest.mark.parametrize("examples", [14, pytest.param(150, marks=pytest.mark.slow)])
 @pytest.mark.parametrize("name", FORMATS)
 def test_mutated_files(name: str, examples: int) -> None:
-    """Where many are read, some 2,000 files."""
+    """The slow run reads some 2,000 files."""
 
     @settings(derandomize=True, max_examples=examples, deadline=None, database=None)
     @given(rng=st.randoms(use_true_random=False))

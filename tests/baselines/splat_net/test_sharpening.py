@@ -20,7 +20,7 @@ SMOOTH, CREASE, OUTLINE, OUTSIDE = 8, 12, 31, 40  # columns
 
 
 def scene(noise=CLEAN, crease=40):
-    """Channels of one image, in which the first mesh covers 32 columns, and that drawing itself.
+    """Return channels of an image whose first mesh covers 32 columns, and that drawing itself.
 
     From the 13th column on it is darker by `crease` levels.
     """
@@ -36,7 +36,7 @@ def scene(noise=CLEAN, crease=40):
 
 
 def taken(channels, drawn, column):
-    """The image of a pixel, 0..1, after the meshes are taken."""
+    """Return the grey of a pixel, 0..1, after the meshes are taken."""
     alpha, darkness = take_meshes(drawn, channels, INPUTS)[0, :, 16, column].tolist()
     return 1 - alpha * darkness
 

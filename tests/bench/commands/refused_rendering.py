@@ -1,20 +1,17 @@
-"""What `bench render` refuses: command lines, and what their one line says."""
+"""Command lines of `bench render` that are refused, and what their one line says."""
 
-RENDERING: dict[str, str] = {
-    f"render cloud.xyz {options}": problem
-    for options, problem in {
+WRITTEN = "images are written as PNG or JPEG, turntables as GIF, WebP or APNG; give a name that"
+BOTH = "clouds/a.xyz and other/a.xyz would both be drawn as images/a.png; rename one, or draw "
+_BY_START = {
+    "render cloud.xyz": {
         "--budget 50ms --method splat": "budget 50ms: it chooses the method, and splat is named",
         "--budget 0.1ms": "budget 0.1ms: the cheapest method is splat with 4.6 ms for one image",
         "--budget 50": "budget 50: give a time over 0 with its unit, as in 50ms or 0.2s",
         "--colour invented --method surface-fit": "method 'surface-fit' draws in grey",
         "--colour invented --budget 50ms": "budget 50ms: the methods that it chooses",
         "--colour file --budget 1s": "method 'fused-net@grey' does not draw the",
-    }.items()
-}
-WRITTEN = "images are written as PNG or JPEG, turntables as GIF, WebP or APNG; give a name that"
-RENDERING |= {
-    f"render cloud.xyz --method blank -o out.png {options}": problem
-    for options, problem in {
+    },
+    "render cloud.xyz --method blank -o out.png": {
         "--method splta": "unknown method 'splta': did you mean 'splat'? there are ",
         "--method blank,splta": "unknown method 'splta': did you mean 'splat'?",
         "--method ' , '": "' , ': expected names separated by commas",
@@ -48,12 +45,8 @@ RENDERING |= {
         "--background transparent -o a.gif": "a.gif: a GIF has no opacity of its pixels; give a na",
         "--background transparent -o a.jpg": "a.jpg: a JPEG has no opacity of its",
         "--background transparent --method splat,blank": "transparent: a sheet is white; give one",
-    }.items()
-}
-BOTH = "clouds/a.xyz and other/a.xyz would both be drawn as images/a.png; rename one, or draw "
-RENDERING |= {
-    f"render {words}": problem
-    for words, problem in {
+    },
+    "render": {
         ".": ".: a folder; give a folder for the images, -o FOLDER",
         "gone.ply": "gone.ply: no such file; check its name",
         "gone/gone.ply": "gone/gone.ply: no such file; check its name",
@@ -69,5 +62,10 @@ RENDERING |= {
         "clouds -o cloud.xyz": "cloud.xyz: a file; give the folder of the images",
         "clouds -o new/x": "new/x: no such folder, new",
         "clouds -o images --frames 9": "--frames 9: images/a.png is one image; give a t",
-    }.items()
+    },
+}
+RENDERING = {
+    f"{start} {words}": problem
+    for start, problems in _BY_START.items()
+    for words, problem in problems.items()
 }

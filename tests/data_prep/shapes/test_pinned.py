@@ -1,4 +1,4 @@
-"""What the first objects of every class are, and those for training: weights know these shapes.
+"""The first objects of every class, and those for training, pinned: weights know these shapes.
 
 A change here is a new data set, not a refactoring: PROCEDURAL_VERSION has to rise with it, and its
 objects are to be judged first, as commit dd3b60cf does (tests/data_prep/shapes): that solids are
@@ -160,7 +160,7 @@ NEAR = np.array([[0.1, -0.5, 0.1], [0.1, 0.5, 0.1]])
 
 
 def test_what_folds_or_becomes_flat_is_rejected() -> None:
-    """Which no pinned object does."""
+    """No pinned object folds or is flat."""
     for least, change in (
         (0.0, {"taper": 2.0}),  # the determinant (1 + 2 y)^2 is 0 at -1/2
         (-1.0, {"offsets": MIRROR}),
