@@ -45,7 +45,7 @@ FULL = "2048"
 # Of `speed`; the processor's time, which other programs disturb less than the clock's.
 ONE_VIEW, FURTHER_VIEW = "picture-of-1-core-ms", "further-view-core-ms"
 RUNS = Path("results/runs")
-MEASURED = NUMBERS / "measured.csv"
+MEASURED = "measured.csv"
 COSTS_RUN, CLAIMS = "costs", "claims"
 CLAIMED = ("known-chairs", "thirteen-classes", "speed-of-pc2pix", "latent")
 CLAIMS_FILE = "claims.md"
@@ -203,8 +203,10 @@ def command(name: str, meshes: Path | None = None) -> list[str]:
     return ["run", *(o.replace("PATH", str(meshes or "PATH")) for o in options)]
 
 
-def measure(name: str, out: Path, meshes: Path | None, more: Iterable[str] = ()) -> None:
-    """Carry out a run and write its files, and its line of `measured.csv`.
+def measure(
+    name: str, out: Path, meshes: Path | None, more: Iterable[str] = (), numbers: Path = NUMBERS
+) -> None:
+    """Carry out a run and write its files into `numbers`, with its line of `measured.csv`.
 
     Raises subprocess.CalledProcessError where the run fails; it has said why.
     """
@@ -220,13 +222,16 @@ def measure(name: str, out: Path, meshes: Path | None, more: Iterable[str] = ())
     for table, file in measurement.copied:
         texts[f"{file}.csv"] = (out / TABLES / f"{table}.csv").read_text(encoding="utf-8")
     for file, text in texts.items():
-        write_whole(NUMBERS / file, text.encode())
-    write_whole(MEASURED, measured(name, read_manifest(out), ["bench", *command(name)]).encode())
+        write_whole(numbers / file, text.encode())
+    before = numbers / MEASURED
+    text = before.read_text(encoding="utf-8") if before.exists() else ""
+    after = measured(text, name, read_manifest(out), ["bench", *command(name)])
+    write_whole(before, after.encode())
 
 
-def measured(name: str, manifest: Mapping[str, Any], arguments: list[str]) -> str:
-    """Return `measured.csv` with the line of a measurement: when, with which code, and where."""
-    rows = {row["name"]: row for row in _rows(MEASURED.read_text()) if row["name"] in MEASUREMENTS}
+def measured(text: str, name: str, manifest: Mapping[str, Any], arguments: list[str]) -> str:
+    """Return the text of `measured.csv` with a measurement: when, with which code, and where."""
+    rows = {row["name"]: row for row in _rows(text) if row["name"] in MEASUREMENTS}
     rows[name] = {
         "name": name,
         "date": manifest["finished"][:10],

@@ -68,7 +68,7 @@ class _KeptImages:
 
 
 def _image_rows(run: Run, images: _KeptImages, metric: ImageMetric, store: Store) -> pd.DataFrame:
-    """Return the means over images, and keep the scores in the store of the run.
+    """Return the means over objects, and keep the scores in the store of the run.
 
     Skipped where something optional is not installed.
     """

@@ -184,7 +184,11 @@ class Run:
         drawn, planned = self.numbers(cell)
         return int(drawn.sum()), int(planned.sum())
 
-    def sums(
+    def scored(self, cell: CellKey, metric: str) -> int:
+        """Return how many images of a cell have a value by a metric of images."""
+        return int(self._column(cell, f"{column(metric)}_count").sum())
+
+    def _sums(
         self, cell: CellKey, metric: str, blanks: bool = False
     ) -> tuple[Floats, NDArray[np.int64]]:
         """Return the sums of the scores of each object of a cell, and their numbers, [G] each.
@@ -205,9 +209,9 @@ class Run:
 
         With `blanks` a failed image has the score of the blank one.
         """
-        sums, counts = self.sums(cell, metric)
+        sums, counts = self._sums(cell, metric)
         if blanks:
-            of_blank, number = self.sums(cell, metric, blanks=True)
+            of_blank, number = self._sums(cell, metric, blanks=True)
             sums, counts = sums + of_blank, counts + number
         return np.divide(sums, counts, out=np.full(len(sums), np.nan), where=counts > 0)
 

@@ -1,7 +1,9 @@
 """The values of quality tables: each method under each condition on each class, by each metric.
 
-Pure functions of a scored run. A row of a frame has its value over the images that exist, its 95 %
-interval over objects, and the value with a blank image in place of each failed one.
+Pure functions of a scored run. A row of a frame has its value of the images that exist, its 95 %
+interval over objects, and the value with a blank image in place of each failed one. By a metric of
+images a value is the mean over objects of each object's mean over its images, so that every object
+counts alike, however many of its images have a value.
 """
 
 from __future__ import annotations
@@ -16,7 +18,7 @@ import numpy as np
 import pandas as pd
 from numpy.typing import NDArray
 
-from bench.analysis.comparison import NAN
+from bench.analysis.comparison import NAN, mean_estimate
 from bench.analysis.distances import CellKey, FeatureDistances
 from bench.analysis.intervals import clipped, jackknife_interval, mean_interval, median_interval
 from bench.analysis.paper import AVERAGE
@@ -38,7 +40,7 @@ from data_prep.arrays import Floats
 
 NO_VALUE = "no value"
 # The columns of a frame of values, as they stand in CSV. A number that does not exist is NaN.
-# value              over the images whose outcome is ok
+# value              of the images whose outcome is ok
 # ci_low, ci_high    95 % interval over objects
 # n_ok, n            images that exist and have a value, images there should be
 # paper              the published value, on the paper's data
@@ -70,7 +72,7 @@ NOTHING: Mapping[str, Any] = {
 
 
 def image_rows(run: Run, metrics: Sequence[str], blanks: bool = False) -> pd.DataFrame:
-    """Return the means over images by metrics of images, for all cells.
+    """Return the means over objects by metrics of images, for all cells.
 
     With `blanks` values and intervals are those with a blank image in place of each failed one.
     """
@@ -78,7 +80,7 @@ def image_rows(run: Run, metrics: Sequence[str], blanks: bool = False) -> pd.Dat
     def value_of(cell: CellKey, metric: str) -> dict[str, Any]:
         if metric in run.skipped:
             return _skipped(run.skipped[metric])
-        return _mean_of_images(run, cell, metric, blanks)
+        return _mean_of_objects(run, cell, metric, blanks)
 
     return _frame(run, metrics, value_of)
 
@@ -87,24 +89,24 @@ def _skipped(reason: str) -> dict[str, Any]:
     return {"note": reason, "skipped": True}
 
 
-def _mean_of_images(run: Run, cell: CellKey, metric: str, blanks: bool) -> dict[str, Any]:
+def _mean_of_objects(run: Run, cell: CellKey, metric: str, blanks: bool) -> dict[str, Any]:
     drawn, _ = run.images(cell)
-    total, count = (values.sum().item() for values in run.sums(cell, metric))
-    of_blank, number = (values.sum().item() for values in run.sums(cell, metric, blanks=True))
-    missing = drawn - count
-    if missing and not metric_facts(metric).undefined:  # an error, and shows as such
-        total = of_blank = NAN
-    per_object = run.per_object(cell, metric, blanks)
-    per_object = per_object[~np.isnan(per_object)]
-    as_blank = _ratio(total + of_blank, count + number)
-    low, high = clipped(mean_interval(per_object), value_range(metric))
+    missing = drawn - run.scored(cell, metric)
+    undefined = metric_facts(metric).undefined
+    existing = run.per_object(cell, metric)
+    with_blanks = run.per_object(cell, metric, blanks=True)
+    per_object = with_blanks if blanks else existing
+    estimate = mean_estimate(metric, per_object)
+    as_blank = mean_estimate(metric, with_blanks).value
+    if missing and not undefined:  # an error, and shows as such
+        estimate, as_blank = estimate._replace(value=NAN), NAN
     return {
-        "value": as_blank if blanks else _ratio(total, count),
-        "ci_low": low,
-        "ci_high": high,
+        "value": estimate.value,
+        "ci_low": estimate.low,
+        "ci_high": estimate.high,
         "failures_as_blank": as_blank,
-        "per_object": per_object,
-        "undefined": missing if metric_facts(metric).undefined else 0,
+        "per_object": per_object[~np.isnan(per_object)],
+        "undefined": missing if undefined else 0,
     }
 
 
@@ -157,7 +159,7 @@ def recognition_rows(run: Run) -> pd.DataFrame:
     """Return what the judge recognises in each method's images: the view, and which object it is.
 
     Angles are medians over images of the error in degrees, with intervals by a bootstrap over
-    objects; retrieval is a share of images.
+    objects; retrieval is the share of an object's images, in the mean over objects.
     """
     answers, metrics = run.features.get(JUDGE), run.suite.control_metrics
     values: dict[tuple[CellKey, str], Mapping[str, Any]] = {}
@@ -197,7 +199,8 @@ def _recognised(
         for place, rows in ((cell, drawn), (of_blank, failed))
         if len(rows)
     ]
-    objects, of_metrics = drawn["object"].to_numpy(), []
+    with_blank_objects = np.concatenate([rows["object"].to_numpy() for rows, _ in parts])
+    objects, of_metrics = with_blank_objects[: len(drawn)], []
     for metric in metrics:
         if metric in nothing:
             of_metrics.append({"note": nothing[metric]})
@@ -205,17 +208,20 @@ def _recognised(
         with_blank = np.concatenate([_per_image(metric, gallery, *part) for part in parts])
         values = with_blank[: len(drawn)]
         if metric == "retrieval":
-            per_object = np.asarray(pd.Series(values).groupby(objects).mean(), np.float64)
-            low, high = clipped(mean_interval(per_object), value_range(metric))
-            middle = np.mean
+            value, low, high = mean_estimate(metric, _means_of_objects(values, objects))
+            as_blank = float(_means_of_objects(with_blank, with_blank_objects).mean())
         else:
             low, high = median_interval(values, objects)
-            middle = np.median
-        value, as_blank = float(middle(values)), float(middle(with_blank))
+            value, as_blank = float(np.median(values)), float(np.median(with_blank))
         of_metrics.append(
             {"value": value, "ci_low": low, "ci_high": high, "failures_as_blank": as_blank}
         )
     return of_metrics
+
+
+def _means_of_objects(values: Floats, objects: NDArray[Any]) -> Floats:
+    """Return the mean [G] of the values [n] of each object, by the objects [n] of the values."""
+    return np.asarray(pd.Series(values).groupby(objects).mean(), np.float64)
 
 
 def _image_keys(records: pd.DataFrame) -> list[ImageKey]:
@@ -309,7 +315,3 @@ def _frame(
         }
         rows.append(row)
     return pd.DataFrame(rows, columns=[*VALUE_COLUMNS, *HIDDEN])
-
-
-def _ratio(total: float, count: int) -> float:
-    return total / count if count else NAN

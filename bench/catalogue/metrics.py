@@ -224,7 +224,7 @@ def extractor_of(metric: str) -> str:
 
 
 def is_mean(metric: str) -> bool:
-    """Return whether a metric is a mean over images, not a distance of sets or a median."""
+    """Return whether a metric is a mean over objects, not a distance of sets or a median."""
     return metric_facts(metric).kind in ("image", "further", "recognition")
 
 

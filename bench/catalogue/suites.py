@@ -50,10 +50,10 @@ TRUTHS: dict[Truth, str] = {
 class TableSpec:
     """A table of a suite.
 
-    kind          images           means over images by `image_metrics`
+    kind          images           means over objects by `image_metrics`
                   sets             distances by `set_metrics`
                   classes          both by class and in the mean over classes, `class_metrics`
-                  detail           means over images by `detail_metrics`
+                  detail           means over objects by `detail_metrics`
                   recognition      what the judge recognises, by `control_metrics`
                   orderings        SR against pc2pix in each class, as the paper's Table 5 has them
                   condition sweep  methods along families of conditions

@@ -67,7 +67,8 @@ _FEWEST_SHOWN = (
 FEW = 10  # objects of a class below which its distances are warned of
 _IN_A_ROW = 7  # classes side by side, as the paper has them
 _DETAIL_REMARK = (
-    "Means are over the images that have a value; where some have none, a line below says why."
+    "Where some images have no value, a line below says why; an object without any has no part in "
+    "the mean."
 )
 _DEBIASED = (
     "What the distance would be with endless objects, extrapolated by the jackknife: for comparing "
@@ -87,13 +88,13 @@ _PUBLISHED = (
 
 
 def image_table(run: Run, spec: TableSpec, published: Published) -> Table:
-    """Return the means over images of the suite's image metrics."""
+    """Return the means over objects of the suite's image metrics."""
     rows = image_rows(run, run.suite.image_metrics)
     return quality_table(spec, annotated(rows, run.manifest, published))
 
 
 def detail_table(run: Run, spec: TableSpec, published: Published) -> Table:
-    """Return the means over images of the suite's detail metrics, which the paper does not have."""
+    """Return the means over objects of the suite's detail metrics, which the paper lacks."""
     rows = image_rows(run, run.suite.detail_metrics)
     return quality_table(spec, annotated(rows, run.manifest, {}), _DETAIL_REMARK)
 

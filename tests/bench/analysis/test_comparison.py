@@ -1,5 +1,6 @@
 from __future__ import annotations
 
+from itertools import product
 from typing import Any
 
 import numpy as np
@@ -22,6 +23,9 @@ from bench.analysis.comparison import (
 from bench.analysis.distances import FeatureDistances
 from bench.analysis.intervals import clipped, mean_interval, median_interval
 from bench.analysis.paired import better_by, change
+from bench.analysis.scores import image_rows
+from bench.catalogue.metrics import IMAGE_METRICS, metric_facts, value_range
+from bench.catalogue.metrics import column as column_of
 from bench.metrics.frechet import frechet_distance
 from bench.records.record import GROUND_TRUTH
 
@@ -43,6 +47,7 @@ SPLAT = {
     "b": (0.030, 0.002, (0.9, 0.9)),
     "c": (0.020, 0.009, (0.3, 0.1)),
 }
+METHODS = ("splat", "blank")
 BLANK = {"a": (0.4, 0.6), "b": (0.5, 0.5), "c": (0.2, 0.6)}
 
 
@@ -239,3 +244,53 @@ def test_no_difference_is_larger_than_the_range_of_its_metric():
     found = difference("silhouette-iou")
     assert found == (pytest.approx(0.8875), mean_interval(ones - a)[0], 1.0)
     assert difference("psnr", 30)[1:] == mean_interval(30 * (ones - a))
+
+
+def uneven_records(seed, objects=24, views=5):
+    """splat and blank on objects of which each has values by a metric for some of its images.
+
+    Some have none by some metric, and splat fails on some: what thin parts and failures do.
+    """
+    rng = np.random.default_rng(seed)
+    made = []
+    for obj in range(objects):
+        fails = rng.random() < 0.3
+        for method, view in product(("splat", "blank"), range(views)):
+            where = {"method": method, "obj": f"o{obj:02}", "view": view}
+            scores = {}
+            for metric in IMAGE_METRICS:
+                low, high = np.clip(value_range(metric), 0, 1)
+                missing = metric_facts(metric).undefined and rng.random() < 0.6
+                scores[column_of(metric)] = None if missing else float(rng.uniform(low, high))
+            if method == "splat" and fails:
+                made.append(make_failed(**where, prepare_s=1.0, draw_s=0.0))
+            else:
+                made.append(make_record(**where, **scores))
+    return made
+
+
+@pytest.mark.parametrize("seed", range(4))
+@pytest.mark.parametrize("blanks", [False, True])
+def test_a_value_of_a_table_is_that_of_the_comparison_and_lies_in_its_interval(seed, blanks):
+    run = scored_records(to_frame(uneven_records(seed)))
+    compared = compare(run, IMAGE_METRICS)
+    for row in image_rows(run, IMAGE_METRICS, blanks).to_dict("records"):
+        other = row_of(compared, method=row["method"], metric=row["metric"])
+        assert row["failures_as_blank"] == other["value"]
+        if blanks or not row["failed"]:
+            assert [row[name] for name in VALUE] == [other[name] for name in VALUE]
+        assert row["ci_low"] <= row["value"] <= row["ci_high"]
+        assert len(row["per_object"]) >= 8
+
+
+def test_each_object_counts_alike_however_many_of_its_images_have_a_value():
+    """4 objects with 20 values of .9 and 20 with one of .2: (4 .9 + 20 .2) / 24 = .316667."""
+    made = []
+    for obj, view in product(range(24), range(20)):
+        value = 0.9 if obj < 4 else 0.2 if view == 0 else None
+        made += [make_record(m, obj=f"o{obj:02}", view=view, thin_recall=value) for m in METHODS]
+    run = scored_records(to_frame(made))
+    for row in image_rows(run, ["thin-recall"]).to_dict("records"):
+        assert row["value"] == pytest.approx(7.6 / 24, abs=1e-15)
+        assert row["n_ok"] == 4 * 20 + 20
+        assert row["ci_low"] < row["value"] < row["ci_high"]

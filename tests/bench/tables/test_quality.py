@@ -115,15 +115,15 @@ THIN = [  # of b's images one has no thin part, and c has none at all
 ]  # fmt: skip
 
 
-def test_means_are_over_the_images_that_have_a_value():
+def test_means_are_over_the_objects_that_have_a_value():
     made = detail_table(scored_records(to_frame(THIN), SUITE), SPEC, {})
     row = cell(made, method="splat", metric="thin-recall")
-    assert row.value == pytest.approx(0.5, abs=EXACT)  # 0.2, 0.4, 0.9
-    interval = clipped(mean_interval(np.array([0.3, 0.9])), (0.0, 1.0))  # a and b; c has no value
+    assert row.value == pytest.approx(0.6, abs=EXACT)  # a: 0.2 and 0.4; b: 0.9; c has none
+    interval = clipped(mean_interval(np.array([0.3, 0.9])), (0.0, 1.0))
     assert (row.ci_low, row.ci_high) == pytest.approx(interval, abs=EXACT)
     assert (row.n_ok, row.n) == (3, 7)
     # of the two failed images one shows no thin part, and the other would recall nothing
-    assert row.failures_as_blank == pytest.approx(1.5 / 4, abs=EXACT)
+    assert row.failures_as_blank == pytest.approx((0.3 + 0.9 + 0.0) / 3, abs=EXACT)
     assert row.note == "2 x crash; 2 x no value: the true object shows no part thinner than 4 px"
     precision = cell(made, method="splat", metric="thin-precision")
     assert precision.value == precision.failures_as_blank == pytest.approx(0.6, abs=EXACT)
