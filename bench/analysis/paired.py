@@ -40,7 +40,7 @@ LEAD = ["lead", "lead_low", "lead_high"]
 _DIFFERENCES = [
     *(*CELL, "run_a", "method_a", "run_b", "method_b", "value_a", "value_b"),
     *("difference", "ci_low", "ci_high", "level", "p", "p_corrected", "cells", "ahead"),
-    *("objects", "objects_needed", "images_of_a", "images_of_b"),
+    *("objects", "objects_needed", "failed_a", "failed_b", "images_of_a", "images_of_b"),
 ]
 
 
@@ -105,6 +105,7 @@ def paired_differences(pairs: Sequence[tuple[Row, Row]]) -> pd.DataFrame:
       has none
     * `objects`: number of those that have a value on both sides; `objects_needed`: how many
       an interval takes where these are too few, else None
+    * `failed_a` and `failed_b`: numbers of images that failed, which count as blank ones
     """
     rows = _bonferroni_differences(pairs)
     needed = pd.Series([row["objects_needed"] for row in rows], dtype=object)
@@ -136,6 +137,7 @@ def _bonferroni_differences(pairs: Sequence[tuple[Row, Row]]) -> list[Row]:
             ("difference", *VALUE[1:], *LEAD, "level", "p", "p_corrected"), values, strict=True
         )
         row |= {"cells": cells, "ahead": ahead, "objects": objects}
+        row |= {"failed_a": int(a["n"] - a["n_ok"]), "failed_b": int(b["n"] - b["n_ok"])}
         rows.append(row | {"objects_needed": FEWEST if few else None})
     return rows
 

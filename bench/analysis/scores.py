@@ -63,7 +63,8 @@ VALUE_COLUMNS = (
 # per_object  what the interval was made from, float64 [G]: by a metric of images the mean of each
 #             object that has a value, by a distance of sets the distance without each block of
 #             objects (`bench.metrics.frechet`)
-HIDDEN = ("images_of", "skipped", "undefined", "failed", "per_object")
+# objects     number of objects of the cell, with images or without
+HIDDEN = ("images_of", "skipped", "undefined", "failed", "per_object", "objects")
 NOTHING: Mapping[str, Any] = {
     **dict.fromkeys(("value", "ci_low", "ci_high", "paper", "failures_as_blank", "debiased"), NAN),
     **{"note": "", "trained_on": "", "objective": ""},
@@ -281,7 +282,7 @@ def _average(rows: pd.DataFrame, classes: AbstractSet[str]) -> dict[str, Any]:
     note = "; ".join(f"{words} {', '.join(names)}" for words, names in parts.items() if len(names))
     return {
         **first,
-        **{name: int(rows[name].sum()) for name in ("n_ok", "n", "undefined")},
+        **{name: int(rows[name].sum()) for name in ("n_ok", "n", "undefined", "objects")},
         **means,
         "class": AVERAGE,
         "ci_low": low,
@@ -312,6 +313,7 @@ def _frame(
             "note": row["note"] or "; ".join(message),
             "images_of": cell[0],
             "failed": drawn < planned,
+            "objects": len(run.objects(cell)),
         }
         rows.append(row)
     return pd.DataFrame(rows, columns=[*VALUE_COLUMNS, *HIDDEN])

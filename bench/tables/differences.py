@@ -33,6 +33,7 @@ from bench.tables.grid import (
     pivot,
     records,
     shown,
+    unsure,
 )
 from bench.tables.markdown import visible
 from bench.tables.table import Table
@@ -132,7 +133,13 @@ def difference_cell(row: Row) -> Cell:
     ):
         digits += 1  # an interval that leaves out 0 does not print it
     cell = number((row["difference"], low, high), f"{{:+.{digits}f}}".format, special=special)
+    cell = unsure(cell, images_failed(row), row["objects"])
     return marked(replace(cell, text=values + cell.text), metric, *methods)
+
+
+def images_failed(row: Row) -> bool:
+    """Return whether images of either side failed."""
+    return bool(row["failed_a"] or row["failed_b"])
 
 
 def _who(row: Row) -> str:

@@ -12,6 +12,7 @@ from functools import partial
 from typing import TYPE_CHECKING, Any, NamedTuple, TypeVar
 
 from bench.analysis.digits import decimals, is_coarse
+from bench.analysis.intervals import FEWEST_WITH_FAILURES
 
 if TYPE_CHECKING:
     import pandas as pd
@@ -105,6 +106,11 @@ def number(
 
 MOVED = "≈"  # before a value that has fewer digits
 FEWER = f"{MOVED}: fewer digits, as rounding alone moves the others"
+UNSURE = "†"  # after an interval that may well miss the true value
+FEW_FAILED = (
+    f"{UNSURE}: images failed, and objects are fewer than {FEWEST_WITH_FAILURES}; how often they "
+    "fail is known from few, and the interval may miss the true value"
+)
 
 
 def measured(
@@ -121,6 +127,24 @@ def measured(
     digits = decimals(metric, *methods)
     show = f"{{:+.{digits}f}}".format if sign else partial(shown, digits=digits)
     return marked(number(estimate, show, **beside), metric, *methods)
+
+
+def unsure(cell: Cell, failed: bool, objects: int) -> Cell:
+    """Return a cell, its interval marked where images failed on one of too few objects."""
+    if cell.interval is None or not failed or objects >= FEWEST_WITH_FAILURES:
+        return cell
+    low, high = cell.interval
+    return replace(cell, interval=(low, high + UNSURE))
+
+
+def meanings(cells: Iterable[Cell]) -> list[str]:
+    """Return the meaning of each mark that these cells have."""
+    every = list(cells)
+    of_marks = {
+        FEWER: any(MOVED in cell.text for cell in every),
+        FEW_FAILED: any(cell.interval and UNSURE in cell.interval[1] for cell in every),
+    }
+    return [meaning for meaning, is_there in of_marks.items() if is_there]
 
 
 def marked(cell: Cell, metric: str, *methods: str) -> Cell:
@@ -181,9 +205,8 @@ class Grid:
 
     @property
     def all_notes(self) -> tuple[str, ...]:
-        """Return the notes, and last the meaning of the mark of values with fewer digits."""
-        coarse = any(MOVED in cell.text for line in self.lines for cell in line.cells)
-        return (*self.notes, FEWER) if coarse else self.notes
+        """Return the notes, and last the meaning of each mark."""
+        return (*self.notes, *meanings(cell for line in self.lines for cell in line.cells))
 
 
 Block = str | Grid  # a paragraph, a heading or a list in Markdown; or a grid

@@ -9,7 +9,7 @@ from __future__ import annotations
 import re
 from collections.abc import Iterable, Iterator, Sequence
 
-from bench.tables.grid import BEST, FEWER, MOVED, Block, Cell, Grid
+from bench.tables.grid import BEST, MOVED, UNSURE, Block, Cell, Grid, meanings
 from bench.tables.markdown import visible
 
 PREAMBLE = r"""% \usepackage{booktabs}; without intervals: \newcommand{\benchci}[2]{} before this
@@ -22,7 +22,14 @@ _COMMANDS = {
     **{mark: f"{{{mark}}}" for mark in "[*"},  # which are options where they follow \\
     **{"{": r"\{", "}": r"\}", "\\": r"\textbackslash{}", "~": r"\textasciitilde{}"},
     **{"^": r"\textasciicircum{}", "<": r"\textless{}", ">": r"\textgreater{}"},
-    **{"|": r"\textbar{}", '"': "''", "`": r"\`{}", MOVED: r"$\approx$", "−": "$-$"},
+    **{
+        "|": r"\textbar{}",
+        '"': "''",
+        "`": r"\`{}",
+        MOVED: r"$\approx$",
+        UNSURE: r"$\dagger$",
+        "−": "$-$",
+    },
     **{"–": "--", "—": "---", "…": r"\ldots{}", "×": r"$\times$", "±": r"$\pm$"},
     **{"°": r"$^\circ$", "≤": r"$\le$", "≥": r"$\ge$", "’": "'", "“": "``", "”": "''"},
 }
@@ -73,7 +80,7 @@ def _table(grid: Grid, label: str, title: str) -> str:
         f"in brackets: {grid.interval}" if any(cell.interval for cell in cells) else "",
         _BEST if any(cell.special is BEST for cell in cells) else "",
         _PUBLISHED if any(published) else "",
-        FEWER if any(MOVED in cell.text for cell in cells) else "",
+        *meanings(cells),
     ]
     lines = [
         r"\begin{table}",

@@ -55,6 +55,7 @@ from bench.tables.grid import (
     pivot,
     records,
     shown,
+    unsure,
 )
 from bench.tables.table import Table, of_protocol
 from data_prep.failures import BadInput
@@ -464,7 +465,8 @@ def _cell(row: Mapping[str, Any], best: Container[tuple[str, str, str]]) -> Cell
 def quality_cell(row: Mapping[str, Any]) -> Cell:
     """Return the cell of a value with its interval alone."""
     estimate = row["value"], row["ci_low"], row["ci_high"]
-    return measured(estimate, row["metric"], row["images_of"])
+    cell = measured(estimate, row["metric"], row["images_of"])
+    return unsure(cell, row["failed"], row["objects"])
 
 
 def _about(rows: Sequence[Mapping[str, Any]]) -> str:

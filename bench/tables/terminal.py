@@ -10,9 +10,10 @@ import re
 import shutil
 import sys
 from collections.abc import Iterable, Sequence
+from dataclasses import replace
 from typing import TYPE_CHECKING
 
-from bench.tables.grid import BEST, FEWER, MOVED, NOTHING, Cell, Grid
+from bench.tables.grid import BEST, NOTHING, Cell, Grid, meanings
 from bench.tables.markdown import visible
 
 if TYPE_CHECKING:
@@ -99,7 +100,7 @@ def grid_lines(grids: Sequence[Grid], width: int, lines: int) -> list[str]:
         marks = (
             STAR if any(cell.special is BEST for cell in cells) else "",
             f"[{shown[0].interval}]" if intervals else "",
-            FEWER if any(MOVED in cell.text for cell in cells) else "",
+            *meanings(cells if intervals else [replace(cell, interval=None) for cell in cells]),
         )
         legend = "; ".join(filter(None, marks))
         end = [_cut(text, width) for text in (legend, *notes) if text]

@@ -19,6 +19,7 @@ def make_difference(metric, condition, value, ahead="b", **changes):
         **{"value_a": 0.5, "value_b": 0.5 + value, "difference": value},
         **{"ci_low": value - reach, "ci_high": value + reach},
         **{"level": 0.995, "p": 0.001, "p_corrected": 0.01, "cells": 10, "ahead": ahead},
+        **{"failed_a": 0, "failed_b": 0},
         **{"objects": 24, "objects_needed": 8 if ahead == "unknown" and isfinite(value) else None},
     } | changes
     measured = zip(MEASURED, (row["method_a"], row["method_b"]), strict=True)

@@ -95,6 +95,26 @@ def test_a_table_worked_by_hand():
     assert (row.suite, row.class_name, row.paper) == ("chair-robustness", "chair", 0.7)
 
 
+@pytest.mark.parametrize(("objects", "marks"), [(59, True), (60, False)])
+def test_intervals_of_few_objects_on_which_a_method_fails_are_marked(objects, marks):
+    records = []
+    for i in range(objects):
+        obj = f"o{i:02}"
+        records.append(make_record("blank", obj=obj, ssim=0.1))
+        records.append(make_record("poisson", obj=obj, ssim=0.6 + i / 1000))
+        splat = make_record(obj=obj, ssim=0.7 + i / 1000)
+        records.append(make_failed(obj=obj) if i % 20 == 7 else splat)
+    text = worked_table(records).to_markdown()
+    of_method = {
+        name: next(line for line in text.splitlines() if line.startswith(f"| {name} |"))
+        for name in ("poisson", "splat")
+    }
+    assert ("†]" in of_method["splat"]) == marks
+    assert ("* †: images failed, and objects are fewer than 60" in text) == marks
+    assert "]" in of_method["poisson"]
+    assert "†" not in of_method["poisson"]
+
+
 def test_a_cell_without_any_image():
     records = [make_failed(obj=o, view=v) for o in "ab" for v in (0, 1)]
     floor = [make_record("blank", obj=o, view=v, ssim=0.25) for o in "ab" for v in (0, 1)]
