@@ -1,14 +1,58 @@
 """Which tests share a worker: those of a file, those that would disturb each other, and those
-that share what takes long to make. And how many threads torch has in a test: one; and a clock."""
+that share what takes long to make. Where tests stand: in a folder and a home of their own. And how
+many threads torch has in a test: one; and a clock."""
 
+import os
+import shutil
 import sys
+import tempfile
 import time
 from collections.abc import Iterator
+from pathlib import Path
 
 import pytest
 
 ALONE = ("opengl", "ray", "memory", "timing")  # see the markers in pyproject.toml
 MADE_ONCE = ("finished",)  # fixtures of the session that take long: made by one worker
+
+
+# Where programs look for settings and caches when these are not set: below HOME.
+ELSEWHERE = ("XDG_CACHE_HOME", "XDG_CONFIG_HOME", "XDG_DATA_HOME", "XDG_STATE_HOME")
+HOME = pytest.StashKey[str]()
+
+
+def pytest_configure(config: pytest.Config) -> None:
+    """Give the process, and those that tests start, an empty home, without a user's settings and
+    caches. Before tests are collected: libraries look there when they are imported."""
+    config.stash[HOME] = os.environ["HOME"] = tempfile.mkdtemp(prefix="home-of-tests-")
+    for name in ELSEWHERE:
+        os.environ.pop(name, None)
+
+
+def pytest_unconfigure(config: pytest.Config) -> None:
+    """Remove that home."""
+    shutil.rmtree(config.stash[HOME], ignore_errors=True)
+
+
+@pytest.fixture(scope="session", autouse=True)
+def current_folder(tmp_path_factory: pytest.TempPathFactory) -> Iterator[Path]:
+    """Run all tests in an empty folder: the default folder of runs, plug-ins and settings are
+    looked for in the current one, and a user's may lie where pytest was started."""
+    folder = tmp_path_factory.mktemp("current")
+    with pytest.MonkeyPatch.context() as patch:
+        patch.chdir(folder)
+        yield folder
+
+
+@pytest.fixture(autouse=True)
+def stays_empty(current_folder: Path) -> Iterator[None]:
+    """Fail for a test that leaves something in the current folder of all tests."""
+    yield
+    left = sorted(path.name for path in current_folder.iterdir())
+    if left:
+        shutil.rmtree(current_folder)
+        current_folder.mkdir()
+        pytest.fail(f"left {left} in the current folder: write into tmp_path")
 
 
 @pytest.hookimpl(tryfirst=True)

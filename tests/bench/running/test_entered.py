@@ -153,10 +153,10 @@ def test_a_run_that_cannot_use_a_tree_is_refused(no_machine, exported, tree, tmp
 
 
 def test_other_commands_do_not_take_images(command, tree, tmp_path):
-    out = tmp_path / "out"
+    out, cloud = tmp_path / "out", REPOSITORY / "examples" / "chair.ply"
     for arguments in (
         ("run", "--suite", "speed", "--methods", f"images:{tree}", "--out", out),
-        ("render", "examples/chair.ply", "--method", f"images:{tree}", "-o", f"{out}.png"),
+        ("render", cloud, "--method", f"images:{tree}", "-o", f"{out}.png"),
     ):
         status, _, err = command(*arguments)
         assert status == 2
