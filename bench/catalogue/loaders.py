@@ -6,8 +6,11 @@ Heavy packages are imported when a function is called, in the worker that needs 
 from __future__ import annotations
 
 import importlib
+from collections.abc import Callable
 from dataclasses import dataclass, replace
 from hashlib import sha256
+from importlib.metadata import PackageNotFoundError
+from importlib.metadata import version as installed_version
 from typing import TYPE_CHECKING
 
 from data_prep.failures import MissingDependency
@@ -146,23 +149,22 @@ def constant_identity() -> str:
     return f"picture {sha256(read_image().tobytes()).hexdigest()}"
 
 
-def open3d_identity() -> str:
+def open3d_identity(version: Callable[[str], str] = installed_version) -> str:
     """Return the versions of Open3D and of what else the images depend on.
 
-    Raises MissingDependency, before any work is begun, where Open3D is not installed.
+    Open3D is the package open3d-cpu, or open3d, which is larger by CUDA: the method uses neither's
+    GPU. Raises MissingDependency, before any work is begun, where none is installed.
     """
-    from importlib.metadata import PackageNotFoundError
-
     from baselines.reconstruction.open3d_poisson import REMEDY
 
-    try:
-        return versions("embreex", "open3d", "scipy")
-    except PackageNotFoundError as error:
-        raise MissingDependency(f"Open3D is not installed: {REMEDY}") from error
+    for package in ("open3d-cpu", "open3d"):
+        try:
+            return f"{versions('embreex')}, open3d {version(package)}, {versions('scipy')}"
+        except PackageNotFoundError:
+            continue
+    raise MissingDependency(f"Open3D is not installed: {REMEDY}")
 
 
 def versions(*packages: str) -> str:
     """Return installed packages with their versions as text; empty for none."""
-    from importlib.metadata import version
-
-    return ", ".join(f"{package} {version(package)}" for package in packages)
+    return ", ".join(f"{package} {installed_version(package)}" for package in packages)

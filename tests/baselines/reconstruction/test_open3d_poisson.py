@@ -1,14 +1,17 @@
 from __future__ import annotations
 
 import math
+import re
 import sys
+from collections.abc import Callable
+from importlib.metadata import PackageNotFoundError
 from importlib.util import find_spec
 
 import numpy as np
 import pytest
 
 from baselines.reconstruction.open3d_poisson import Open3dPoisson
-from bench.catalogue.methods import find_method
+from bench.catalogue.loaders import open3d_identity
 from data_prep.clouds.sampling import face_areas
 from data_prep.failures import MissingDependency, StageFailure
 from data_prep.scene import PointCloud
@@ -25,10 +28,26 @@ def test_without_open3d_the_remedy_is_named(monkeypatch: pytest.MonkeyPatch) -> 
         Open3dPoisson().prepare(PointCloud(lattice_sphere()))
 
 
-@pytest.mark.skipif(find_spec("open3d") is not None, reason="Open3D is installed")
+def installed(*packages: str) -> Callable[[str], str]:
+    """Return what gives the version 7.8 for these packages, and finds no others."""
+
+    def version(package: str) -> str:
+        if package not in packages:
+            raise PackageNotFoundError(package)
+        return "7.8"
+
+    return version
+
+
+@pytest.mark.parametrize("package", ["open3d-cpu", "open3d"])
+def test_the_version_is_that_of_either_package(package: str) -> None:
+    identity = open3d_identity(installed(package))
+    assert re.fullmatch(r"embreex \S+, open3d 7\.8, scipy \S+", identity)
+
+
 def test_a_run_without_open3d_is_refused_before_any_work() -> None:
     with pytest.raises(MissingDependency, match=r"^Open3D is not installed: .*\[open3d\]"):
-        find_method("open3d-poisson@depth=6").identity()
+        open3d_identity(installed())
 
 
 @needs_open3d
