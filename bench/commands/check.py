@@ -92,6 +92,7 @@ def check(
         raise BadInput("--seed: chooses the jobs that are computed again; give --again with it")
     if options.claims and given:
         raise BadInput(f"--claims: compares with the paper; leave {', '.join(given)}")
+    directories = list(dict.fromkeys(directories))
     if options.claims:
         _check_claims(directories, options.methods or ())
         return
@@ -133,7 +134,7 @@ def _widths(given: Sequence[str], strict: bool) -> Widths:
     from bench.checking.objects import Widths
     from bench.checking.tolerances import OBJECT_RENDERING
 
-    by_metric = {}
+    by_metric: dict[str, float] = {}
     for text in given:
         metric, _, number = text.partition("=")
         if metric not in OBJECT_RENDERING:
@@ -142,11 +143,16 @@ def _widths(given: Sequence[str], strict: bool) -> Widths:
                 f"{', '.join(OBJECT_RENDERING)}"
             )
         try:
-            by_metric[metric] = float(number)
+            width = float(number)
         except ValueError:
-            by_metric[metric] = math.nan
-        if not 0 <= by_metric[metric] < math.inf:
+            width = math.nan
+        if not 0 <= width < math.inf:
             raise BadInput(f"--tolerance {text}: must be a number from 0, as in {metric}=0.01")
+        if by_metric.setdefault(metric, width) != width:
+            raise BadInput(
+                f"--tolerance {text}: {metric} has {by_metric[metric]:g} already; give each metric "
+                "one tolerance"
+            )
     return Widths(by_metric, strict)
 
 

@@ -88,13 +88,14 @@ class Device(StrEnum):
 
 
 def names(text: str | None) -> tuple[str, ...] | None:
-    """Return the names in a comma-separated list; None for None.
+    """Return the names in a comma-separated list, each once; None for None.
 
     Raises BadInput for an empty list.
     """
     if text is None:
         return None
-    parts = tuple(name.strip() for name in text.split(",") if name.strip())
+    # A metric asked for twice would count twice in what a verdict is corrected for.
+    parts = tuple(dict.fromkeys(name.strip() for name in text.split(",") if name.strip()))
     if not parts:
         raise BadInput(f"'{text}': expected names separated by commas")
     return parts
