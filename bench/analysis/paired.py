@@ -104,7 +104,7 @@ def paired_differences(pairs: Sequence[tuple[Row, Row]]) -> pd.DataFrame:
     * `ahead`: "a" or "b", the better one by an interval without 0, "tie", or "unknown" where it
       has none
     * `objects`: number of those that have a value on both sides; `objects_needed`: how many
-      an interval takes where these are too few, else None
+      an interval takes where these are too few and not all equal, else None
     * `failed_a` and `failed_b`: numbers of images that failed, which count as blank ones
     """
     rows = _bonferroni_differences(pairs)
@@ -124,10 +124,12 @@ def _bonferroni_differences(pairs: Sequence[tuple[Row, Row]]) -> list[Row]:
         if not higher_is_better(a["metric"]):  # 0 has no sign
             lead = Estimate(0.0 - lead.value, 0.0 - lead.high, 0.0 - lead.low)
         ahead = who_is_ahead(lead)
-        objects = len(a["objects"])
-        if is_mean(a["metric"]):
-            objects = int((~np.isnan(b["samples"] - a["samples"])).sum())
-        few = ahead == "unknown" and math.isfinite(difference.value)
+        by_object = b["samples"] - a["samples"]
+        known = by_object[~np.isnan(by_object)]
+        objects = len(known) if is_mean(a["metric"]) else len(a["objects"])
+        # Objects that are all equal need no interval; moves that cancel in the mean are none.
+        moved = difference.value != 0 or bool(known.any())
+        few = ahead == "unknown" and math.isfinite(difference.value) and moved
         values = (*difference, *lead, 1 - alpha, of_pair.p, min(of_pair.p * cells, 1.0))
         row = {name: a[name] for name in CELL}
         row |= {
@@ -140,6 +142,16 @@ def _bonferroni_differences(pairs: Sequence[tuple[Row, Row]]) -> list[Row]:
         row |= {"failed_a": int(a["n"] - a["n_ok"]), "failed_b": int(b["n"] - b["n_ok"])}
         rows.append(row | {"objects_needed": FEWEST if few else None})
     return rows
+
+
+def undecided(cells: pd.DataFrame) -> pd.DataFrame:
+    """Return the rows of `paired_differences` of which nothing can be said.
+
+    They have too few objects, or no value on both sides. Of objects that are all equal it can be
+    said that nothing moved.
+    """
+    is_open = cells["objects_needed"].notna() | cells["difference"].isna()
+    return cells[(cells["ahead"] == "unknown") & is_open]
 
 
 def who_is_ahead(lead: Estimate) -> Ahead:

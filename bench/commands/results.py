@@ -11,8 +11,9 @@ from typing import Annotated, Any
 import pandas as pd
 import typer
 
+from bench.analysis import intervals
 from bench.analysis.comparison import milliseconds
-from bench.analysis.paired import verdicts_of
+from bench.analysis.paired import undecided, verdicts_of
 from bench.analysis.recommend import (
     ALTERNATIVES,
     BEST,
@@ -40,6 +41,7 @@ from bench.tables.grid import FEWER, MOVED, Cell, measured, number, records
 from bench.tables.markdown import visible
 from bench.tables.terminal import laid_out, line_width, terminal_width
 from bench.tables.terminal import table as terminal_table
+from data_prep.datasets.dataset import listed
 from data_prep.failures import BadInput, CannotWrite
 
 _COMPARISONS = "comparisons"
@@ -147,7 +149,8 @@ def compare(
     fail_on: Annotated[
         _Failing | None,
         typer.Option(
-            help="Exit 1 where the second one is shown to be worse in a cell. Default: exit 0."
+            help="Exit 1 where the second one is shown to be worse in a cell, 2 where the objects "
+            "are too few to show it. Default: exit 0."
         ),
     ] = None,
 ) -> None:
@@ -171,6 +174,7 @@ def compare(
             f"{' '.join(map(str, directories))}: no object has true images and scores on both "
             "sides, so nothing is compared; 'bench report DIR' shows what failed"
         )
+    not_decided = "" if fail_on is None else _not_decided(differences.cells, directories)
     folder = out or directories[-1] / _COMPARISONS / file_name(
         Path(differences.a).name, Path(differences.b).name
     )
@@ -191,8 +195,48 @@ def compare(
         print(table.to_markdown())
     else:
         print(in_format([table], Format(format_)), end="")
+    if not_decided:
+        print(f"bench: {visible(not_decided)}", file=sys.stderr)
     if fail_on is not None and (differences.cells["ahead"] == "a").any():
         raise typer.Exit(1)
+
+
+def _not_decided(cells: pd.DataFrame, directories: Sequence[Path]) -> str:
+    """Return a line on the cells that --fail-on cannot decide; empty where it decides all.
+
+    Raises BadInput where it decides no cell of a metric, but for those in which no object moved: it
+    would pass whatever was measured.
+    """
+    left = undecided(cells)
+    for metric, of_metric in cells.groupby("metric", sort=False):
+        if metric not in set(left["metric"]) or (of_metric["ahead"] != "unknown").any():
+            continue
+        objects = max(of_metric.loc[of_metric["difference"].notna(), "objects"], default=0)
+        if len(directories) == 1:
+            have, more = "this run has", "give a run of more"
+        else:
+            old, new = directories
+            have = "these runs share"
+            more = (
+                f"give runs of more, or compare any number with 'bench check {old} --bless "
+                f"golden.json' and 'bench check {new} --golden golden.json'"
+            )
+        of_class = " of a class" if of_metric["class"].nunique() > 1 else ""
+        raise BadInput(
+            f"--fail-on: {metric} decides nothing: {intervals.FEWEST} objects{of_class} with a "
+            f"value are needed, {have} {objects}; {more}"
+        )
+    if left.empty:
+        return ""
+    named = [
+        f"{row['metric']} of {row['method_b']} at {row['condition']} in {row['class']} "
+        f"({row['objects']})"
+        for row in records(left)
+    ]
+    return (
+        f"--fail-on: {len(left)} of {len(cells)} cells are not decided, as they have fewer than "
+        f"{intervals.FEWEST} objects with a value: {listed(named)}"
+    )
 
 
 def recommend(
@@ -234,6 +278,12 @@ def recommend(
         lines.append(
             f"Costs of {request.views} view{'s' * (request.views > 1)} are reckoned from the share "
             "of one; drawn in a call of their own they may differ."
+        )
+    if compared["ci_low"].isna().all():
+        objects = max(map(len, compared["objects"]))
+        lines.append(
+            f"Means alone decide: {intervals.FEWEST} objects of a class are needed to show that a "
+            f"method is ahead of another, or surely good enough, and there are {objects}."
         )
     print("\n".join(laid_out([*lines, "", *_choices(choices, compared, request)], line_width())))
     if not met:

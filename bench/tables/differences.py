@@ -144,7 +144,7 @@ def images_failed(row: Row) -> bool:
 
 def _who(row: Row) -> str:
     """Return who is ahead, "same" where each object has equal values on both sides."""
-    unequal = row["ci_low"] < 0 or row["ci_high"] > 0
+    unequal = row["ci_low"] < 0 or row["ci_high"] > 0 or row["objects_needed"]
     return row["ahead"] if row["difference"] or unequal else "same"
 
 

@@ -199,6 +199,16 @@ def test_surely_is_said_of_the_method_that_is(tmp_path, command):
     assert remarks[-1] == "2048, surely good enough by ssim: over the budget."
 
 
+def test_a_recommendation_by_few_objects_says_that_means_decide(tmp_path, command):
+    run = write_run(tmp_path, suite=TRADE)
+    status, out, _ = command("recommend", run, "--min-ssim", "0.1")
+    assert status == 0
+    assert out.splitlines()[1] == (
+        "Means alone decide: 8 objects of a class are needed to show that a method is ahead of "
+        "another, or surely good enough, and there are 3."
+    )
+
+
 @pytest.mark.usefixtures("few_objects")
 def test_a_request_that_no_method_meets(tmp_path, command):
     """Every method takes 250 ms a cloud and 125 ms a view."""
