@@ -40,14 +40,15 @@ from baselines.reconstruction.denoised import (
     noise_scale,
     searched,
 )
-from baselines.reconstruction.stages import check_points, spacing
+from baselines.reconstruction.stages import check_points, fewer, spacing
 from baselines.splat import MAX_RADIUS_PX
 from data_prep.arrays import Floats
+from data_prep.clouds.sampling import random_rows
 from data_prep.rendering.camera import CAMERA_DISTANCE, FOCAL_PX, camera_to_world, project
 from data_prep.scene import IMAGE_SIZE, NEUTRAL_GREY, Images, PointCloud, View
 
 GAMMA = 2.2  # of the scene's shading: data_prep/rendering/mesh.frag
-MOST_POINTS = 8192
+MOST_POINTS = 8192  # that are drawn; of more, a random subset
 HOPS = 4  # of the neighbourhoods that normals are those of
 _ROUNDS = 2  # of smoothing
 SMOOTHING, FEWEST_HOPS, MOST_HOPS = 4.0, 2, 12  # hops for a noise of one spacing
@@ -80,11 +81,11 @@ class SplatFill:
         """
         del rng
         check_points(cloud.points, 1, "images")
-        points = np.unique(cloud.points, axis=0)
-        points = points[:: -(-len(points) // MOST_POINTS)]
+        different = np.unique(cloud.points, axis=0)
+        points = different[random_rows(len(different), MOST_POINTS)]
         near, sample = searched(points)
         noise, between = noise_scale(sample), spacing(near)
-        notes: tuple[str, ...] = (f"noise: {noise:.3f}",)
+        notes = (f"noise: {noise:.3f}", *fewer(points, different))
         exact = near.points
         if noise > NOISY * spacing(sample):
             exact = _smoothed(exact, noise, between)

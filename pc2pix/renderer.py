@@ -11,6 +11,7 @@ import torch
 from numpy.typing import NDArray
 from torch import Tensor
 
+from data_prep.clouds.sampling import random_rows
 from data_prep.failures import StageFailure
 from data_prep.scene import CLOUD_SIZE, IMAGE_SIZE, Images, PointCloud, View
 from learning.exact import exact_inference
@@ -144,11 +145,12 @@ class Pc2pixRenderer:
 def pick_points(points: NDArray[np.float32]) -> NDArray[np.float32]:
     """Return exactly 2,048 rows [2048, 3] of a cloud [N, 3], N > 0, in the cloud's order.
 
-    Output row i is input row floor(i N / 2048). So 2,048 points stay as they are; where N divides
-    2,048 every row is repeated the same number of times consecutively, as the original does; where
-    N is a multiple k of it, every k-th row is taken; other numbers come as close to that as they
-    can.
+    Of more points these are a random subset. Of fewer, output row i is input row floor(i N / 2048):
+    where N divides 2,048 every row is repeated the same number of times consecutively, as the
+    original does; other numbers come as close to that as they can.
     """
+    if len(points) > CLOUD_SIZE:
+        return points[random_rows(len(points), CLOUD_SIZE)]
     return points[np.arange(CLOUD_SIZE) * len(points) // CLOUD_SIZE]
 
 

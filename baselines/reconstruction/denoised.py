@@ -49,9 +49,10 @@ from baselines.eigenpairs import smallest_eigenpairs
 from baselines.reconstruction.stages import Nearest, spacing, used_points
 from baselines.reconstruction.surface import NORMAL_NEIGHBOURS
 from data_prep.arrays import Floats
+from data_prep.clouds.sampling import random_rows
 from data_prep.scene import PointCloud, Points
 
-MOST_POINTS = 8192
+MOST_POINTS = 8192  # that are wrapped; of more, a random subset
 NOISY = 0.55  # spacings of the points that the noise is estimated from
 _PATCH = 3.0  # radius of the neighbourhood, in standard deviations of the noise
 _FEWEST, _MOST = 48, 256  # neighbours: six numbers are fitted to them
@@ -63,7 +64,7 @@ _SHARPNESS = 2.0  # a neighbour's weight is exp(-SHARPNESS (distance / that of t
 _TERMS = 6  # of a polynomial of degree 2 in two variables
 _RIDGE = 1e-9  # keeps fits defined that the points do not determine: a line, few points
 _LEAST_POINTS = 30
-_SAMPLE = 2048
+_SAMPLE = 2048  # points that the noise is estimated from: as many as the constants were chosen for
 _TOGETHER = 512
 _PATCHES = (24, 48, 96, 192)
 _LARGEST_SHARE = 8  # a patch is at most this part of the cloud, or the smallest
@@ -160,10 +161,12 @@ def dense_part(points: Floats, share: float, neighbours: int) -> Floats:
 def searched(points: Points) -> tuple[Nearest, Nearest]:
     """Return the searches of finite points [N, 3], and of those that noise is estimated from.
 
-    These are every nth of the points, which are different and sorted, at most 2,048.
+    These are a random subset of 2,048, or all of fewer.
     """
     near = Nearest(points)
-    return near, near if len(points) <= _SAMPLE else Nearest(points[:: -(-len(points) // _SAMPLE)])
+    if len(points) <= _SAMPLE:
+        return near, near
+    return near, Nearest(points[random_rows(len(points), _SAMPLE)])
 
 
 def noise_scale(near: Nearest) -> float:

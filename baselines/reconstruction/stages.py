@@ -10,6 +10,7 @@ from numpy.typing import NDArray
 from scipy.spatial import cKDTree
 
 from data_prep.arrays import Floats
+from data_prep.clouds.sampling import random_rows
 from data_prep.failures import StageFailure
 from data_prep.rendering.camera import CAMERA_DISTANCE, FOCAL_PX
 from data_prep.rendering.images import to_float
@@ -75,8 +76,8 @@ def used_points(
 
     The notes say which points were left out.
 
-    Points as far away as the camera or farther are out of sight. Of more than `most` points every
-    nth is taken. Neither the order of the points nor repeated ones change the result.
+    Points as far away as the camera or farther are out of sight. Of more than `most` points so many
+    are chosen at random. Neither the order of the points nor repeated ones change the result.
 
     Raises StageFailure("input", ...) where fewer than `least`, which `what` need, are left, and
     where a point is not finite.
@@ -90,9 +91,14 @@ def used_points(
             f"{len(different)} of {len(cloud)} points are different and nearer than the camera; "
             f"{what} need at least {least}",
         )
-    used = different[:: -(-len(different) // most)]
-    fewer = f"input: {len(used)} of {len(different)} points used"
-    return used, (*left_out(seen, cloud), *([fewer] if len(used) < len(different) else []))
+    used = different[random_rows(len(different), most)]
+    return used, (*left_out(seen, cloud), *fewer(used, different))
+
+
+def fewer(used: Points, different: Points) -> tuple[str, ...]:
+    """Return a note of how many of the different points are used, if not all."""
+    note = f"input: {len(used)} of {len(different)} points used"
+    return (note,) if len(used) < len(different) else ()
 
 
 def left_out(seen: Points, cloud: PointCloud) -> tuple[str, ...]:

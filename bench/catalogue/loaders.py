@@ -82,12 +82,12 @@ class _NetworkPackage:
         return text
 
 
-PC2PIX = _NetworkPackage("pc2pix", ("torch",), 4, "bench train gan")
+PC2PIX = _NetworkPackage("pc2pix", ("torch",), 5, "bench train gan")
 SPLAT_NET = _NetworkPackage("baselines.splat_net", ("torch", "scipy"), 2, "bench train splat-net")
 OCCUPANCY_NET = _NetworkPackage(
     "baselines.occupancy_net",
     ("embreex", "scikit-image", "torch"),
-    2,
+    3,
     "bench train occupancy-net",
 )
 
@@ -96,7 +96,7 @@ OCCUPANCY_NET = _NetworkPackage(
 FUSED_NET = _NetworkPackage(
     "baselines.fused_net",
     ("embreex", "pymeshlab", "scikit-image", "scipy", "torch"),
-    5,
+    6,
     "bench train fused-net",
     beside=OCCUPANCY_NET,
 )

@@ -21,7 +21,7 @@ from data_prep.clouds.coarse_steps import note_on_steps
 from data_prep.clouds.far_points import far_points, note_on_far
 from data_prep.clouds.normalise import normalise_points
 from data_prep.clouds.orientations import upright
-from data_prep.clouds.sampling import sample_faces
+from data_prep.clouds.sampling import random_rows, sample_faces
 from data_prep.failures import BadInput, MissingDependency
 from data_prep.files.cloud_contents import CloudContents, PointColors
 from data_prep.files.clouds import read_cloud
@@ -124,9 +124,8 @@ class CloudFile:
         far, of_places = places(points[kept], self.drop_far, "--drop-far")
         kept = kept[~far] if self.drop_far else kept
         notes += of_places if self.drop_far or not self.as_is else ()
-        if self.most is not None and len(kept) > self.most:
-            chosen = generator("render", "points").choice(len(kept), self.most, replace=False)
-            kept = kept[np.sort(chosen)]
+        if self.most is not None:
+            kept = kept[random_rows(len(kept), self.most)]
         cloud = self._scaled(points[kept])
         if (self.drop_far or not far.any()) and looks_like_a_line(cloud):
             notes.append("its points lie on a line; check which columns are x, y and z")
@@ -206,9 +205,7 @@ def looks_lying(cloud: PointCloud) -> bool:
     points = _finite(cloud)
     if len(points) < _FEWEST_HINTED:
         return False
-    if len(points) > _MOST_HINTED:
-        chosen = generator("orientation").choice(len(points), _MOST_HINTED, replace=False)
-        points = points[chosen]
+    points = points[random_rows(len(points), _MOST_HINTED)]
     tree = cKDTree(points)
     spacing = float(np.median(tree.query(points, k=[2])[0]))  # the first is the point itself
     asymmetry = []  # mean distance of mirrored points to the points

@@ -5,8 +5,10 @@ from __future__ import annotations
 import numpy as np
 from numpy.typing import NDArray
 
+from data_prep.clouds.sampling import random_rows
+
 LEAST_SHARE = 0.01  # of the size of the cloud: finer steps are not seen
-_MOST_SAMPLED = 4096
+_MOST_SAMPLED = 4096  # points that are looked at; of more, a random subset
 FEWEST_POINTS, FEWEST_LEVELS = 64, 3  # the faces of a box have two
 
 
@@ -20,7 +22,7 @@ def note_on_steps(points: NDArray[np.float64]) -> str | None:
     points = points[np.isfinite(points).all(axis=1)]
     if len(points) < FEWEST_POINTS:
         return None
-    points = points[:: -(-len(points) // _MOST_SAMPLED)]
+    points = points[random_rows(len(points), _MOST_SAMPLED)]
     size = float(np.ptp(points, axis=0).max())
     if size == 0:
         return None

@@ -1,4 +1,4 @@
-"""Random points on surfaces, uniform by area, and random camera positions."""
+"""Random points on surfaces, uniform by area, fewer points of a cloud, and random cameras."""
 
 from __future__ import annotations
 
@@ -6,10 +6,12 @@ import numpy as np
 from numpy.typing import NDArray
 
 from data_prep.failures import BadInput
+from data_prep.randomness import generator
 from data_prep.scene import CLOUD_SIZE, Mesh, PointCloud, View
 
 AZIMUTH_RANGE_DEG = (-180.0, 180.0)
 ELEVATION_RANGE_DEG = (-40.0, 40.0)
+_ROWS_TOGETHER = 2**20  # chosen from at a time, which takes 8 MiB: a bound on memory
 
 
 def face_areas(mesh: Mesh) -> NDArray[np.float64]:
@@ -61,6 +63,40 @@ def sample_faces(
         + along[:, 1:] * (chosen[:, 2] - chosen[:, 0])
     )
     return points, face, np.column_stack([1 - along.sum(axis=1), along])
+
+
+def random_rows(count: int, most: int) -> NDArray[np.int64]:
+    """Return the rows of a random subset of `count` points: exactly `most`, or all of fewer.
+
+    Wherever a cloud has more points than can be used, these are taken. Every subset is equally
+    likely, so that none of the cloud's structure counts: of a sorted cloud every k-th row may be
+    one side of a table, and of a scan with 64 interleaved lasers every fourth row has 16 of them.
+    The number of the points is the only seed. So the same points give the same subset, in any
+    process, and a coordinate rounded otherwise changes no other point; a caller for which their
+    order is not to matter sorts them first.
+
+    Parameters
+    ----------
+    count : int
+        Number of points, 0 to 10**9.
+    most : int
+        Number of rows to take, at least 0.
+
+    Returns
+    -------
+    int64 array [min(count, most)]
+        Rows in ascending order, none twice: colours and normals are taken by the same.
+    """
+    if count <= most:
+        return np.arange(count)
+    rng, wanted, rows = generator("fewer points", count), most, [np.empty(0, np.int64)]
+    for first in range(0, count, _ROWS_TOGETHER):
+        here = min(_ROWS_TOGETHER, count - first)
+        # As many as a subset of all has in this part: together each subset is equally likely.
+        taken = int(rng.hypergeometric(here, count - first - here, wanted))
+        rows.append(first + np.sort(rng.choice(here, taken, replace=False)))
+        wanted -= taken
+    return np.concatenate(rows)
 
 
 def random_views(count: int, rng: np.random.Generator) -> tuple[View, ...]:

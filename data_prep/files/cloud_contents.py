@@ -49,7 +49,7 @@ class CloudContents:
                  not asked for, or not in the file
     faces        int64 array [F, 3] or None; triangles of points, of a file that may hold a mesh
     face_colors  uint8 array [F, 3] or None; their colours, as `colors`
-    notes        what the reader guessed, for people
+    notes        what the reader guessed or left out, for people
     """
 
     points: CloudPoints

@@ -10,7 +10,7 @@ Scans are read by the libraries of the extra `clouds`:
     E57       pye57; all scans, each placed by its pose, without points marked as invalid
     PCD       pypcd4; without points of three NaN, which an organised cloud has for no return
 
-Scans of more than two million points are thinned to every k-th, with the smallest k that suffices.
+Of scans of more than two million points as many are read, chosen at random, and a note says so.
 The libraries are not written for untrusted files: they belong into a worker with limits, as in
 `bench render`.
 """
@@ -33,6 +33,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
+from data_prep.clouds.sampling import random_rows
 from data_prep.failures import BadInput, MissingDependency
 from data_prep.files.atomic_write import write_whole
 from data_prep.files.cloud_contents import (
@@ -54,7 +55,8 @@ MOST_BYTES = 256 * MIB  # 22 million points, which take 1.3 GiB of memory and so
 _MOST_SCAN_BYTES = 2048 * MIB  # of LAS and LAZ, which are read piece by piece
 _MOST_BYTES_AT_ONCE = 512 * MIB  # of E57 and PCD
 _RECORD_HEADER_BYTES = 54  # of a variable-length record in LAS
-_Scan = tuple[NDArray[np.float64], bool]  # [N, 3], or [N, 6] with colours; whether there are any
+# [N, 3], or [N, 6] with colours; whether there are any; the number of points in the file
+_Scan = tuple[NDArray[np.float64], bool, int]
 
 _PROSE = (".txt", ".csv", ".tsv")  # more often than the others something to read
 
@@ -68,7 +70,7 @@ def load_points(path: Path) -> CloudPoints:
            first three; separated by white space, commas, semicolons, tabs or bars; # begins a
            comment, // and % do at the start of a line; XYZ, TXT, CSV, TSV, ASC, XYZN and XYZRGB
     PTS    as text; lines of a single whole number, the counts of its parts, are ignored
-    LAS, LAZ, E57, PCD  those of scanners; large ones are thinned out
+    LAS, LAZ, E57, PCD  those of scanners; of large ones a random subset
 
     Parameters
     ----------
@@ -224,11 +226,8 @@ class ScanLimits:
 
     kept: int = 2**21  # splats, the fastest, take seconds for as many
     claimed: int = 2**26  # by an E57 or PCD: 1.5 GiB of coordinates
+    claimed_in_pieces: int = 10**9  # by a LAS: as many as 2 GiB hold at two bytes a point
     piece: int = 2**20
-
-    def stride(self, count: int) -> int:
-        """Return the step at which so many points are thinned."""
-        return max(1, math.ceil(count / self.kept))
 
 
 def read_scan(
@@ -236,13 +235,15 @@ def read_scan(
 ) -> CloudContents:
     """Return the points in the file's order and units, and their colours if asked for.
 
+    Of more than `limits.kept` points these are a random subset, and a note says how many there are.
+
     Raises BadInput, naming the file: missing, no regular file, too large, not readable; and
     MissingDependency, naming the extra, where the library is not installed.
     """
     most_bytes, read = _SCANS[path.suffix.lower()]
     try:
         with open_file(path, most_bytes) as file:
-            table, has_colors = read(file, path, limits, with_colors)
+            table, has_colors, count = read(file, path, limits, with_colors)
     except ImportError as error:
         raise MissingDependency(
             f"{path}: reading {path.suffix.lower()} needs {error.name}; "
@@ -255,7 +256,10 @@ def read_scan(
         raise BadInput(
             f"{path}: not a readable {kind} file ({reason_of(error)}); fetch it again"
         ) from error
-    return contents_of(table, has_colors, whole=True, unused=(COLOURS,) if has_colors else ())
+    unused = (COLOURS,) if has_colors else ()
+    fewer = f"a scan of {count} points: {len(table)} of them, chosen at random, are read"
+    notes = (fewer,) if len(table) < count else ()
+    return contents_of(table, has_colors, whole=True, unused=unused, notes=notes)
 
 
 def _read_las(file: io.BufferedReader, path: Path, limits: ScanLimits, with_colors: bool) -> _Scan:
@@ -270,14 +274,17 @@ def _read_las(file: io.BufferedReader, path: Path, limits: ScanLimits, with_colo
     with laspy.LasReader(file, closefd=False, read_evlrs=False) as las:
         has_colors = "red" in las.header.point_format.dimension_names
         columns = [*"xyz", *(("red", "green", "blue") if with_colors and has_colors else ())]
-        step, seen = limits.stride(las.header.point_count), 0
+        count, seen = las.header.point_count, 0
+        _check_claim(path, count, limits.claimed_in_pieces)
+        rows = random_rows(count, limits.kept)
         kept = [np.empty((0, len(columns)))]
         for piece in las.chunk_iterator(limits.piece):
             points = np.stack([np.asarray(piece[name]) for name in columns], axis=1)
-            kept.append(points[-seen % step :: step])
+            first, last = np.searchsorted(rows, (seen, seen + len(points)))
+            kept.append(points[rows[first:last] - seen])
             seen += len(points)
-    _check_count(path, las.header.point_count, seen)
-    return np.concatenate(kept), has_colors
+    _check_count(path, count, seen)
+    return np.concatenate(kept), has_colors, count
 
 
 def _read_e57(file: io.BufferedReader, path: Path, limits: ScanLimits, with_colors: bool) -> _Scan:
@@ -287,7 +294,7 @@ def _read_e57(file: io.BufferedReader, path: Path, limits: ScanLimits, with_colo
     channels = "colorRed", "colorGreen", "colorBlue"
     with closing(pye57.E57(str(path))) as e57:
         headers = [e57.get_header(i) for i in range(e57.scan_count)]
-        _check_claim(path, sum(header.point_count for header in headers), limits)
+        _check_claim(path, sum(header.point_count for header in headers), limits.claimed)
         has_colors = any(channels[0] in header.point_fields for header in headers)
         columns = (*axes, *(channels if with_colors and has_colors else ()))
         scans = [
@@ -299,7 +306,7 @@ def _read_e57(file: io.BufferedReader, path: Path, limits: ScanLimits, with_colo
         for scan in scans
     ]
     points = np.concatenate([np.empty((0, len(columns))), *parts])
-    return points[:: limits.stride(len(points))], has_colors
+    return points[random_rows(len(points), limits.kept)], has_colors, len(points)
 
 
 def _read_pcd(file: io.BufferedReader, path: Path, limits: ScanLimits, with_colors: bool) -> _Scan:
@@ -309,7 +316,7 @@ def _read_pcd(file: io.BufferedReader, path: Path, limits: ScanLimits, with_colo
     for line in file:
         if line.startswith(b"POINTS"):
             claimed = int(line.split()[1])
-            _check_claim(path, claimed, limits)
+            _check_claim(path, claimed, limits.claimed)
         if line.startswith(b"DATA"):
             break
     file.seek(0)
@@ -322,13 +329,13 @@ def _read_pcd(file: io.BufferedReader, path: Path, limits: ScanLimits, with_colo
         channels = (bits[:, None] >> np.array([16, 8, 0], np.uint32)) & 255
         points = np.concatenate([points, channels.astype(np.float64)], axis=1)
     points = points[~np.isnan(points[:, :3]).all(axis=1)]
-    return points[:: limits.stride(len(points))], packed is not None
+    return points[random_rows(len(points), limits.kept)], packed is not None, len(points)
 
 
-def _check_claim(path: Path, count: int, limits: ScanLimits) -> None:
-    """Raise BadInput where a file claims too many points, or fewer than none."""
-    if not 0 <= count <= limits.claimed:
-        raise BadInput(f"{path}: {count} points, at most {limits.claimed} are read; thin it out")
+def _check_claim(path: Path, count: int, most: int) -> None:
+    """Raise BadInput where a file claims more points than `most`, or fewer than none."""
+    if not 0 <= count <= most:
+        raise BadInput(f"{path}: {count} points, at most {most} are read; thin it out")
 
 
 def _check_count(path: Path, claimed: int, count: int) -> None:

@@ -7,7 +7,7 @@ from collections.abc import Sequence
 import numpy as np
 from numpy.typing import NDArray
 
-from data_prep.randomness import generator
+from data_prep.clouds.sampling import random_rows
 from data_prep.rendering.camera import CAMERA_DISTANCE, project
 from data_prep.scene import IMAGE_SIZE, Points, View
 
@@ -22,9 +22,7 @@ def draw_dots(points: Points, views: Sequence[View]) -> NDArray[np.uint8]:
     finite, out of the image or not before the camera are left out.
     """
     finite = points[np.isfinite(points).all(axis=1)]
-    if len(finite) > MOST_DOTS:
-        chosen = generator("dots").choice(len(finite), MOST_DOTS, replace=False)
-        finite = finite[np.sort(chosen)]
+    finite = finite[random_rows(len(finite), MOST_DOTS)]
     images = np.full((len(views), IMAGE_SIZE, IMAGE_SIZE, 3), 255, np.uint8)
     for image, view in zip(images, views, strict=True):
         pixels, depth = project(finite, view)

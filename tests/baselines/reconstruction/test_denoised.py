@@ -151,9 +151,9 @@ def test_noisy_points_are_brought_nearer_and_the_sparsest_left_out(sigma: float)
 def test_many_points_and_far_ones() -> None:
     points = np.append(lattice_sphere(20_000), [[1e6, 0, 0]], axis=0)
     clean = cleaned(PointCloud(points), 1.0)
-    assert len(clean.points) == 6667  # every third
+    assert len(clean.points) == 8192
     assert "input: 1 of 20001 points left out, they lie beyond the camera" in clean.notes
-    assert "input: 6667 of 20000 points used" in clean.notes
+    assert "input: 8192 of 20000 points used" in clean.notes
     points[3] = np.nan
     with pytest.raises(StageFailure, match="input: 1 of 20001 points are not finite"):
         cleaned(PointCloud(points), 1.0)

@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 from scipy import stats
 
-from data_prep.clouds.sampling import face_areas, random_views, sample_surface
+from data_prep.clouds.sampling import face_areas, random_rows, random_views, sample_surface
 from data_prep.failures import BadInput
 from data_prep.scene import CLOUD_SIZE, Mesh
 
@@ -150,3 +150,45 @@ def test_views_are_uniform_in_both_angles_and_reproducible() -> None:
     assert not set(one) & set(other)
     assert all(type(angle) is float for v in one for angle in (v.azimuth_deg, v.elevation_deg))
     assert random_views(0, np.random.default_rng(1)) == ()
+
+
+@pytest.mark.parametrize("count", [0, 1, 999, 1000])
+def test_up_to_the_most_all_rows_are_taken(count: int) -> None:
+    assert random_rows(count, 1000).tolist() == list(range(count))
+
+
+@pytest.mark.parametrize(("count", "most"), [(1001, 1000), (10_000, 1), (5, 0), (3 * 2**20, 2**20)])
+def test_of_more_exactly_the_most_are_taken_each_time_the_same(count: int, most: int) -> None:
+    rows = random_rows(count, most)
+    assert len(rows) == most
+    assert (np.diff(rows) > 0).all()
+    assert set(rows[[0, -1]] if most else []) <= set(range(count))
+    assert np.array_equal(rows, random_rows(count, most))
+    assert count == 5 or not np.array_equal(rows, random_rows(count + 1, most))
+
+
+@pytest.mark.parametrize(("count", "most"), [(2**20, 2**18), (3 * 2**20 + 7, 2**20)])
+def test_no_period_and_no_part_of_the_rows_is_preferred(count: int, most: int) -> None:
+    """Of 64 interleaved lasers, and of 64 parts one after the other, each has its share.
+
+    Without replacement the counts vary by 1 - most / count less than chi-square expects.
+    """
+    rows = random_rows(count, most)
+    parts = np.linspace(0, count, 65).astype(int)
+    interleaved, successive = np.bincount(rows % 64), np.histogram(rows, parts)[0]
+    for found, available in (
+        (interleaved, np.bincount(np.arange(count) % 64)),
+        (successive, np.diff(parts)),
+    ):
+        expected = available * (most / count)
+        statistic = ((found - expected) ** 2 / expected).sum() / (1 - most / count)
+        low, high = stats.chi2.ppf([RARE / 2, 1 - RARE / 2], 63)
+        assert low < statistic < high
+
+
+def test_every_row_is_as_likely_as_any_other() -> None:
+    """Of 101 to 600 points 50 are taken; those of the first half are half of them."""
+    firsts = sum(int((random_rows(n, 50) < n // 2).sum()) for n in range(102, 602, 2))
+    draws = 250 * 50
+    # A hypergeometric count varies less than a binomial one of as many draws.
+    assert abs(firsts - draws / 2) < SIGMAS * math.sqrt(draws / 4)
