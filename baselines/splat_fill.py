@@ -85,11 +85,12 @@ class SplatFill:
         points = different[random_rows(len(different), MOST_POINTS)]
         near, sample = searched(points)
         noise, between = noise_scale(sample), spacing(near)
-        notes = (f"noise: {noise:.3f}", *fewer(points, different))
+        notes = fewer(points, different)
         exact = near.points
         if noise > NOISY * spacing(sample):
             exact = _smoothed(exact, noise, between)
-            notes += (f"smoothed: {_ROUNDS} times, {len(exact)} of {len(points)} kept",)
+            done = f"smoothed: {_ROUNDS} times, {len(exact)} of {len(points)} kept"
+            notes = (f"noise: {noise:.3f}", *notes, done)
         (planes,) = fit_planes(exact, (HOPS,))
         return _OrientedPoints(exact, planes.normals, between, notes)
 

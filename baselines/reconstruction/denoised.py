@@ -97,7 +97,6 @@ def cleaned(cloud: PointCloud, strength: float) -> _Cleaned:
     points, notes = used_points(cloud, NORMAL_NEIGHBOURS + 1, MOST_POINTS, "surfaces")
     near, sample = searched(points)
     estimate = noise_scale(sample)
-    notes = (f"noise: {estimate:.3f}", *notes)
     between = spacing(near)
     noise = strength * estimate
     if noise <= NOISY * spacing(sample):
@@ -107,7 +106,8 @@ def cleaned(cloud: PointCloud, strength: float) -> _Cleaned:
     smooth = smoothed(near, neighbours, _ROUNDS)
     kept = dense_part(smooth, 1 - min(LEFT_OUT * noise, MOST_LEFT_OUT), DENSITY_NEIGHBOURS)
     done = f"smoothed: {_ROUNDS} times over {neighbours} points, {len(kept)} of {len(points)} kept"
-    return _Cleaned(kept.astype(np.float32), noise, between, (*notes, done))
+    notes = (f"noise: {estimate:.3f}", *notes, done)
+    return _Cleaned(kept.astype(np.float32), noise, between, notes)
 
 
 def smoothed(near: Nearest, neighbours: int, rounds: int) -> Floats:

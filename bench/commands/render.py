@@ -44,7 +44,7 @@ class _RenderResult(NamedTuple):
     drawn          number of clouds that have images
     failed         a line for each cloud that cannot be used, and for each method that failed
     without_image  number of clouds that are not usable, or whose methods all failed
-    notes          lines on parts of files that are not used, and on the methods
+    notes          lines on parts of files that are not used, and on what the methods did
     """
 
     images: tuple[Path, ...]
@@ -150,19 +150,23 @@ def _draw_all(
     tasks = len(files) * len(wanted)
     quick = tasks == 1 and len(wanted[0].views) == 1  # over before a progress is read
     under_way: dict[CloudFile, dict[Wanted, Drawn]] = {}
-    notes: dict[CloudFile, dict[str, None]] = {}  # each worker reads the file, and has the same
+    notes: dict[CloudFile, dict[Wanted, Notes]] = {}
     failures = 0
     with nullcontext() if quick else progress("drawing", tasks) as advance:
-        for file, request, images, of_file in draw_each(files, wanted, min(tasks, cores())):
+        for file, request, images, of_drawing in draw_each(files, wanted, min(tasks, cores())):
             drawn = under_way.setdefault(file, {})
             drawn[request] = images
-            notes.setdefault(file, {}).update(dict.fromkeys(of_file))
+            notes.setdefault(file, {})[request] = of_drawing
             failures += isinstance(images, Failed | BadInput)
             if advance is not None:
                 advance(failures)
             if len(drawn) == len(wanted):
                 del under_way[file]
-                yield file, {request: drawn[request] for request in wanted}, tuple(notes.pop(file))
+                of_requests = notes.pop(file)
+                # Each worker reads the file, and has the same notes on it.
+                lines = (line for request in wanted for line in of_requests[request])
+                in_order = {request: drawn[request] for request in wanted}
+                yield file, in_order, tuple(dict.fromkeys(lines))
 
 
 def _finished(drawn: Mapping[Wanted, Drawn]) -> NDArray[np.uint8]:
@@ -194,9 +198,11 @@ def render_clouds(
 ) -> None:
     """Draw the point clouds of files. Exit 1 if a cloud has no image: all its methods failed.
 
-    Each method gets all points, 120 seconds and 4 GiB of memory. pc2pix uses at most 8 x 1,024
-    points. Surface reconstruction of 100,000 points takes about half a minute, surface-fit less;
-    --points takes fewer.
+    Each method gets 120 seconds, 4 GiB of memory and all points, of a scan at most 2,097,152. Some
+    use fewer, chosen at random: occupancy-net 2,048, pc2pix 8 x 1,024, alpha-wrap, denoised-wrap
+    and splat-fill 8,192. Notes on stderr say how many, and what else a method did to the points.
+    Surface reconstruction of 100,000 points takes about half a minute, surface-fit less; --points
+    takes fewer.
     """
     allow_modules(options.method or ())
     result = render(clouds, options)

@@ -2,11 +2,12 @@
 
 from __future__ import annotations
 
+import warnings
 from collections.abc import Iterable, Iterator, Sequence
 from dataclasses import dataclass
 from functools import partial
 from pathlib import Path
-from typing import Literal, cast
+from typing import Any, Literal, cast
 
 import numpy as np
 from numpy.typing import NDArray
@@ -27,7 +28,15 @@ from data_prep.files.cloud_contents import CloudContents, PointColors
 from data_prep.files.clouds import read_cloud
 from data_prep.randomness import generator
 from data_prep.rendering.dots import draw_dots
-from data_prep.scene import CLOUD_SIZE, IMAGE_SIZE, PointCloud, Renderer, UInt8Images, View
+from data_prep.scene import (
+    CLOUD_SIZE,
+    IMAGE_SIZE,
+    Images,
+    PointCloud,
+    Renderer,
+    UInt8Images,
+    View,
+)
 
 _Z_UP = (".las", ".laz", ".e57")  # formats of surveys: z is the height
 _COLOUR_METHOD = "splat"  # draws the colours of a file
@@ -44,7 +53,7 @@ _LINE = 1e-3  # thickness by length
 _MOST_PIXELS = 2**24  # drawn together, in 200 MB
 LIMITS = Limits(time_s=120.0, memory_gib=4.0)
 Background = Literal["white", "transparent"]
-Notes = tuple[str, ...]  # a line for each part of a file that is left out
+Notes = tuple[str, ...]  # a line each, on what is left out of a file and what a method did to it
 
 
 @dataclass(frozen=True)
@@ -328,16 +337,17 @@ def draw_file(file: CloudFile, drawing: Drawing, limits: Limits = LIMITS) -> UIn
         For a file that cannot be used, and for an unknown or unusable method.
     """
     with one_pool():
-        ((_, _, drawn, _),) = draw_each([file], [drawing], 1, limits)
+        ((_, _, drawn, notes),) = draw_each([file], [drawing], 1, limits)
     if isinstance(drawn, BadInput):
         raise drawn
+    warn(notes, levels=2)
     return drawn
 
 
 def draw_each(
     files: Iterable[CloudFile], requests: Sequence[Wanted], workers: int, limits: Limits = LIMITS
 ) -> Iterator[tuple[CloudFile, Wanted, Drawn, Notes]]:
-    """Yield each file with each request, the images and notes, as they come.
+    """Yield each file with each request, the images, and notes on both, as they come.
 
     A file that cannot be used gives its BadInput in place of images. Each task reads the file by
     itself; each worker loads a method once. Raises BadInput as `draw_file`, for a method before
@@ -376,10 +386,20 @@ def draw_cloud(
     data_prep.failures.BadInput
         For an unknown method, for one that cannot be loaded, and for colours that it does not draw.
     """
-    return on_drawing_thread(partial(_draw, cloud, drawing, colors))
+    drawn, notes = on_drawing_thread(partial(_draw, cloud, drawing, colors))
+    warn(notes, levels=2)
+    return drawn
 
 
-def _draw(cloud: PointCloud, drawing: Drawing, colors: PointColors | None) -> UInt8Images | Failed:
+def warn(notes: Sequence[str], levels: int) -> None:
+    """Warn of each note once, as from so many calls above this one."""
+    for note in dict.fromkeys(notes):
+        warnings.warn(note, stacklevel=levels + 1)
+
+
+def _draw(
+    cloud: PointCloud, drawing: Drawing, colors: PointColors | None
+) -> tuple[UInt8Images | Failed, Notes]:
     if colors is not None:
         check_draws_colours(drawing.method)
     renderer: Renderer | None = None
@@ -389,23 +409,52 @@ def _draw(cloud: PointCloud, drawing: Drawing, colors: PointColors | None) -> UI
             from baselines.splat import Splat
 
             renderer = Splat(colors=colors)
-        return draw_views(renderer, cloud, drawing)
+        drawn = draw_views(renderer, cloud, drawing)
+        return drawn.images, drawn.notes
     except MissingDependency:
         raise
     except (Exception, SystemExit) as error:
         if renderer is None and isinstance(error, BadInput):  # unusable weights, for example
             raise
-        return Failed(reason_of(error))
+        return Failed(reason_of(error)), ()
 
 
-def draw_views(renderer: Renderer, cloud: PointCloud, drawing: Drawing) -> NDArray[np.uint8]:
+class _Keeper:
+    """A renderer that keeps the state of its last cloud."""
+
+    state: Any = None
+
+    def __init__(self, renderer: Renderer) -> None:
+        self.renderer = renderer
+
+    def prepare(self, cloud: PointCloud, rng: np.random.Generator) -> Any:
+        self.state = self.renderer.prepare(cloud, rng)
+        return self.state
+
+    def draw(
+        self, state: Any, views: Sequence[View], rng: np.random.Generator, **size: int
+    ) -> Images:
+        return self.renderer.draw(state, views, rng, **size)
+
+
+@dataclass(frozen=True, eq=False)
+class DrawnViews:
+    """Images of a cloud, uint8 [V, size, size, 3 or 4], the method's state of it, and its notes."""
+
+    images: NDArray[np.uint8]
+    state: Any
+    notes: Notes
+
+
+def draw_views(renderer: Renderer, cloud: PointCloud, drawing: Drawing) -> DrawnViews:
     """Return the images of a drawing by the renderer of its method; raise what that raises."""
     method, rng = find_method(drawing.method), drawing.rng or generator("render")
-    side = method.drawn_at(drawing.size)
+    side, keeper = method.drawn_at(drawing.size), _Keeper(renderer)
     batch = drawing.batch or max(1, _MOST_PIXELS // side**2)
-    drawn = draw(method, renderer, cloud, drawing.views, rng, batch, side=side).images
+    drawn = draw(method, keeper, cloud, drawing.views, rng, batch, side=side).images
+    notes = tuple(f"{method.id}: {note}" for note in getattr(keeper.state, "notes", ()))
     finish = without_background if drawing.background == "transparent" else resized
-    return finish(drawn, drawing.size)
+    return DrawnViews(finish(drawn, drawing.size), keeper.state, notes)
 
 
 def check_draws_colours(method_id: str) -> None:
@@ -425,4 +474,5 @@ def _load_and_draw(task: tuple[CloudFile, Wanted]) -> tuple[Drawn, Notes]:
         return error, ()
     if isinstance(wanted, Dots):
         return draw_dots(loaded.cloud.points, wanted.views), loaded.notes
-    return _draw(loaded.cloud, wanted, loaded.colors), loaded.notes
+    drawn, notes = _draw(loaded.cloud, wanted, loaded.colors)
+    return drawn, (*loaded.notes, *(f"{file.path}: {note}" for note in notes))

@@ -2,10 +2,9 @@
 
 from __future__ import annotations
 
-import sys
 from collections.abc import Sequence
 from dataclasses import dataclass, fields
-from functools import cache, partial
+from functools import partial
 from pathlib import Path
 from typing import Any, Literal, cast, get_args, overload
 
@@ -18,10 +17,12 @@ from bench.rendering.cloud import (
     Background,
     CloudFile,
     Drawing,
+    DrawnViews,
     Notes,
     draw_views,
     find_drawer,
     places,
+    warn,
 )
 from bench.rendering.drawing_thread import on_drawing_thread
 from bench.rendering.request import methods_to_draw, notes_on_methods, notes_on_size
@@ -32,7 +33,7 @@ from data_prep.files.cloud_contents import axis_columns
 from data_prep.files.safe_read import shown
 from data_prep.rendering.camera import FARTHEST
 from data_prep.rendering.raycast import surface_maps
-from data_prep.scene import IMAGE_SIZE, Images, Mesh, PointCloud, Renderer, View
+from data_prep.scene import IMAGE_SIZE, Mesh, PointCloud, View
 
 _SPELT = {  # what a note on a file names, in Python
     "--drop-invalid": "drop_invalid=True",
@@ -82,18 +83,17 @@ class DrawRequest:
     budget_ms : float or None
         Most milliseconds for one image of a new cloud, by costs measured on one machine.
     drop_far : bool
-        Whether to leave out points far from all others, which make the object small; else a line
-        on stderr tells of them.
+        Whether to leave out points far from all others, which make the object small; else a
+        warning tells of them.
     device : str
         "auto", "cpu" or "cuda", for networks.
     size : int
         Side of the images in pixels, 16 to 2048. Surfaces and discs are drawn so; images of
-        networks are resampled, and a line on stderr says so.
+        networks are resampled, and a warning says so.
     background : str
         "white", or "transparent", with the opacity as a fourth channel.
     drop_invalid : bool
-        Whether to leave out points that are not finite, with a line on stderr; else they are
-        refused.
+        Whether to leave out points that are not finite, with a warning; else they are refused.
     columns : sequence or None
         The columns of x, y and z in an array, counted from 0, or their names in a DataFrame. None:
         the only three, the first three of six, or those named x, y and z.
@@ -127,14 +127,14 @@ class DrawRequest:
 
     def draw(self, points: ArrayLike | Path, views: Sequence[View]) -> NDArray[np.uint8]:
         """Return the images, uint8 [V, size, size, 3 or 4]. Raises as `draw_cloud`."""
-        return on_drawing_thread(partial(self._draw, points, views))[0]
+        return self._draw(points, views).images
 
     def draw_with_maps(
         self, points: ArrayLike | Path, view: View
     ) -> tuple[NDArray[np.uint8], SurfaceMaps]:
         """Return the image, and the surface in it. Raises as `draw_cloud`."""
-        (image,), state = on_drawing_thread(partial(self._draw, points, [view]))
-        if not isinstance(mesh := getattr(state, "mesh", None), Mesh):
+        drawn = self._draw(points, [view])
+        if not isinstance(mesh := getattr(drawn.state, "mesh", None), Mesh):
             (method,) = self._methods()
             some = ", ".join(m.id for m in METHODS if m.kind == "reconstruction")
             raise BadInput(
@@ -144,30 +144,39 @@ class DrawRequest:
         maps = partial(surface_maps, mesh, [view], self.size, limited=False)
         ((mask, nearness, *normal),) = on_drawing_thread(maps)
         depth = np.where(mask > 0, FARTHEST - 2 * nearness, np.float32(np.inf))
-        return image, SurfaceMaps(depth, mask, np.stack(normal, axis=-1))
+        return drawn.images[0], SurfaceMaps(depth, mask, np.stack(normal, axis=-1))
 
     def _methods(self) -> tuple[str, ...]:
         named = (self.method,) if self.method is not None else ()
         return methods_to_draw(named, self.colour, self.budget_ms)
 
-    def _draw(
-        self, points: ArrayLike | Path, views: Sequence[View]
-    ) -> tuple[NDArray[np.uint8], Any]:
-        """Return the images, and the method's state of the cloud."""
+    def _draw(self, points: ArrayLike | Path, views: Sequence[View]) -> DrawnViews:
+        """Draw on the drawing thread, and warn of what is to be known even if that fails."""
+        notes: list[str] = []
+        try:
+            return on_drawing_thread(partial(self._drawn, points, views, notes))
+        finally:
+            warn(notes, levels=4)  # of `draw_cloud` or `turntable`
+
+    def _drawn(
+        self, points: ArrayLike | Path, views: Sequence[View], notes: list[str]
+    ) -> DrawnViews:
+        """Return the images, and add to the notes."""
         (method_id,) = self._methods()
         find_drawer(method_id)
-        cloud, notes = (
+        cloud, on_points = (
             self._of_file(Path(points))
             if isinstance(points, str | Path)
             else self._of_array(points)
         )
-        renderer = _Keeper(load_renderer(method_id, self.device))
-        of_method = notes_on_methods((method_id,), self.budget_ms)
-        for note in (*notes, *of_method, *notes_on_size((method_id,), self.size)):
-            _note_once(note)
+        notes += on_points
+        notes += notes_on_methods((method_id,), self.budget_ms)
+        notes += notes_on_size((method_id,), self.size)
+        renderer = load_renderer(method_id, self.device)
         more = {"size": int(self.size), "background": self.background}
-        images = draw_views(renderer, cloud, Drawing(method_id, tuple(views), **more))
-        return images, renderer.state
+        drawn = draw_views(renderer, cloud, Drawing(method_id, tuple(views), **more))
+        notes += drawn.notes
+        return drawn
 
     def _of_file(self, path: Path) -> tuple[PointCloud, Notes]:
         if self.columns is not None:
@@ -200,22 +209,6 @@ class DrawRequest:
         far, of_places = places(values, self.drop_far, "drop_far=True")
         values = values[~far] if self.drop_far else values
         return cloud_of_points(values, self.up, self.front), (*notes, *of_places)
-
-
-class _Keeper:
-    """A renderer that keeps the state of its last cloud."""
-
-    def __init__(self, renderer: Renderer) -> None:
-        self.renderer = renderer
-
-    def prepare(self, cloud: PointCloud, rng: np.random.Generator) -> Any:
-        self.state = self.renderer.prepare(cloud, rng)
-        return self.state
-
-    def draw(
-        self, state: Any, views: Sequence[View], rng: np.random.Generator, **size: int
-    ) -> Images:
-        return self.renderer.draw(state, views, rng, **size)
 
 
 def _in_python(text: str) -> str:
@@ -283,9 +276,11 @@ def draw_cloud(
 
     The method runs in this process, where a native library may crash or hang; the default is a
     network. Its weights are read once a process. Any thread may call this; draws are done one after
-    the other, in a thread of their own. Lines on stderr, each once a process, name a method that
-    was trained on chairs alone, images that are resampled, columns that are not used, points far
-    from the others, and coordinates that lie in steps.
+    the other, in a thread of their own.
+
+    A UserWarning each tells what the method did to the points (used fewer of them, smoothed them,
+    made no mesh), a method that was trained on chairs alone, images that are resampled, columns
+    that are not used, points far from the others, and coordinates that lie in steps.
 
     Parameters
     ----------
@@ -365,8 +360,3 @@ def _request(caller: str, first: str, options: dict[str, Any]) -> DrawRequest:
             f"{caller}: no option {unknown}; there are {first}, elevation_deg, {', '.join(allowed)}"
         )
     return DrawRequest(**options)
-
-
-@cache
-def _note_once(note: str) -> None:
-    print(f"note: {note}", file=sys.stderr)

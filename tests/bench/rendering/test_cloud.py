@@ -74,7 +74,8 @@ def test_the_image_is_that_of_the_method_and_of_the_clouds_axes(command, tmp_pat
 def test_the_command_and_python_draw_a_cloud_alone_alike_by_a_network_of_all_classes(
     command, tmp_path
 ):
-    points = generator("test").normal(size=(300, 3)) * (1, 2, 3)
+    points = generator("test").normal(size=(300, 3))
+    points = points / np.linalg.norm(points, axis=1, keepdims=True) * (1, 2, 3)  # without noise
     np.save(tmp_path / "cloud.npy", points)
     status, out, err = command("render", tmp_path / "cloud.npy")
     assert (status, out) == (0, f"{tmp_path / 'cloud.png'}\n")

@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+import warnings
+
 import numpy as np
 import pandas as pd
 import pytest
@@ -21,6 +23,14 @@ TABLE = pd.DataFrame(np.eye(3), columns=["nx", "ny", "nz"])
 @pytest.fixture(scope="module")
 def points():
     return generator("test").normal(size=(300, 3)) * (1, 2, 3)
+
+
+def warnings_of(draw):
+    """Return what a call returns, and the texts of its warnings."""
+    with warnings.catch_warnings(record=True) as caught:
+        warnings.simplefilter("always")
+        drawn = draw()
+    return drawn, [str(warning.message) for warning in caught]
 
 
 def test_any_method_from_all_around_and_in_other_axes(points):
@@ -91,28 +101,27 @@ def test_what_cannot_be_drawn(points, kind):
         assert refusal.type is kind
 
 
-def test_further_columns_files_sizes_and_points_that_are_not_finite(points, tmp_path, capsys):
-    expected = bench.draw_cloud(points, method="splat", size=200)
+def test_further_columns_files_sizes_and_points_that_are_not_finite(points, tmp_path):
+    plain = {"method": "splat", "size": 200}
+    expected = bench.draw_cloud(points, **plain)
     assert expected.shape == (200, 200, 3)
     six, broken = np.hstack([points, points]), np.vstack([points, [[np.nan, 0, 0]]])
     swapped = six[:, [5, 1, 0, 0, 1, 2]]
     np.save(tmp_path / "cloud.npy", np.hstack([broken, np.ones((301, 3))]))
-    for given, options in (
-        (six, {}),
-        (swapped, {"columns": (2, 1, 5)}),
-        (pd.DataFrame(swapped, columns=[*"abcdef"]), {"columns": "dbf"}),
-        (pd.DataFrame(six), {}),
-        (broken, {"drop_invalid": True}),
-        (tmp_path / "cloud.npy", {"drop_invalid": True}),
+    file, lost = tmp_path / "cloud.npy", "1 of 301 points are left out, they are not finite"
+    further = "points: columns 3 to 5 of [N, 6], colours or normals, are not used; columns= chooses"
+    unused = f"{file}: 3 of its 6 columns are not used; only the coordinates of its points are"
+    for given, options, said in (
+        (six, {}, [further]),
+        (swapped, {"columns": (2, 1, 5)}, []),
+        (pd.DataFrame(swapped, columns=[*"abcdef"]), {"columns": "dbf"}, []),
+        (pd.DataFrame(six), {}, [further]),
+        (broken, {"drop_invalid": True}, [lost]),
+        (file, {"drop_invalid": True}, [unused, f"{file}: {lost}"]),
     ):
-        drawn = bench.draw_cloud(given, method="splat", size=200, **options)
+        drawn, warned = warnings_of(lambda g=given, o=options: bench.draw_cloud(g, **o, **plain))
         assert np.array_equal(drawn, expected)
-    lost = "1 of 301 points are left out, they are not finite"
-    assert capsys.readouterr().err == (
-        "note: points: columns 3 to 5 of [N, 6], colours or normals, are not used; columns= chooses"
-        f"\nnote: {lost}\nnote: {tmp_path / 'cloud.npy'}: 3 of its 6 columns are not used; only "
-        f"the coordinates of its points are\nnote: {tmp_path / 'cloud.npy'}: {lost}\n"
-    )
+        assert warned == said
     with pytest.raises(BadInput, match=r"the first is point 301\); remove them, or leave them out"):
         bench.draw_cloud(tmp_path / "cloud.npy", method="splat")
     assert bench.draw_cloud(points, method="splat", background="transparent").shape[2] == 4
@@ -138,16 +147,53 @@ def test_what_the_package_has_is_seen():
     assert {"ssim", "psnr", "lpips"} <= {*dir(bench.metrics)}
 
 
-def test_far_points_and_steps_are_named_and_far_points_left_out_if_asked_for(points, capsys):
+def test_far_points_and_steps_are_named_and_far_points_left_out_if_asked_for(points):
     far = np.vstack([points, np.full((9, 3), -9999.0)])
     expected = bench.turntable(points, 2, method="splat")
-    assert np.array_equal(bench.turntable(far, 2, method="splat", drop_far=True), expected)
-    assert capsys.readouterr().err == (
-        "note: 9 of 309 points are left out, they lie far from the rest\n"
+    with pytest.warns(UserWarning, match="^9 of 309 points are left out, they lie far from the r"):
+        assert np.array_equal(bench.turntable(far, 2, method="splat", drop_far=True), expected)
+    with pytest.warns(UserWarning, match="^9 of 309 points lie up to .*; drop_far=True leaves the"):
+        bench.draw_cloud(far, method="splat")
+    with pytest.warns(UserWarning, match="^coordinates are in steps of 0.5 where the object is "):
+        bench.draw_cloud((points + np.array([5e6, 0, 0])).astype(np.float32), method="splat")
+
+
+MANY = generator("many").normal(size=(9000, 3))  # a ball of fog: noise, and smoothed
+NOTES = {  # what a method does to these points, and to a hundred of them
+    ("alpha-wrap", 9000): ["alpha-wrap: input: 8192 of 9000 points used"],
+    ("fused-net@grey", 9000): [
+        "fused-net@grey: occupancy-net: input: 2048 of 9000 points used",
+    ],
+    ("splat", 9000): [],
+    ("alpha-wrap", 100): [],
+}
+
+
+@pytest.mark.parametrize(("method", "count"), NOTES)
+def test_what_a_method_does_to_the_points_is_a_warning_where_it_is_called(method, count):
+    points, said = MANY[:count], NOTES[method, count]
+    points = points / np.linalg.norm(points, axis=1)[:, None]
+    with warnings.catch_warnings(record=True) as caught:
+        warnings.simplefilter("always")
+        bench.draw_cloud(points, method=method)
+        bench.turntable(points, 2, method=method)
+        draw_cloud(normalise_points(points), Drawing(method, (View(0, 0),)))
+    assert [str(warning.message) for warning in caught] == 3 * said
+    assert {warning.filename for warning in caught} <= {__file__}
+
+
+def test_a_smoothed_cloud_and_a_mesh_that_was_not_made_are_warned_of():
+    _, warned = warnings_of(lambda: bench.draw_cloud(MANY[:2000], method="denoised-wrap"))
+    assert [line.split(": ")[:2] for line in warned] == [
+        ["denoised-wrap", "noise"],
+        ["denoised-wrap", "smoothed"],
+    ]
+    _, warned = warnings_of(lambda: bench.draw_cloud(MANY[:9], method="fused-net@grey"))
+    assert any(
+        line.startswith("fused-net@grey: denoised-wrap: no mesh, input: 9 ") for line in warned
     )
-    bench.draw_cloud(far, method="splat")
-    bench.draw_cloud((points + np.array([5e6, 0, 0])).astype(np.float32), method="splat")
-    named, steps = capsys.readouterr().err.splitlines()
-    assert named.startswith("note: 9 of 309 points lie up to ")
-    assert named.endswith(" % of the image's width; drop_far=True leaves them out")
-    assert steps.startswith("note: coordinates are in steps of 0.5 where the object is ")
+
+
+def test_a_note_is_told_even_where_the_method_fails():
+    with pytest.raises(StageFailure), pytest.warns(UserWarning, match="^points: columns 3 to 5 of"):
+        bench.draw_cloud(np.eye(2, 6), method="surface-apss")
