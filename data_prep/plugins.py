@@ -3,8 +3,10 @@
 from __future__ import annotations
 
 import re
+import sys
 from collections.abc import Collection
 from functools import cache
+from pathlib import Path
 from typing import TYPE_CHECKING, Protocol, TypeVar
 
 from data_prep.failures import BadInput
@@ -114,6 +116,12 @@ def load_entry_point(
             f"{where}: {entry.value} is not a {named} with that id; fix or remove that package"
         )
     return loaded
+
+
+def entry_point_folder(kind: str, wanted: str) -> Path:
+    """Return the folder of the module that a loaded plug-in is of."""
+    (entry,) = _entries(kind, wanted)
+    return Path(str(sys.modules[entry.module].__file__)).parent
 
 
 def _entries(kind: str, wanted: str) -> list[EntryPoint]:

@@ -7,21 +7,19 @@ anywhere, can name a module as well, and nothing of it is executed.
 
 from __future__ import annotations
 
-import ast
 import os
 import re
 import sys
-from collections.abc import Callable, Iterable, Iterator, Sequence
-from contextlib import suppress
+from collections.abc import Callable, Iterable, Sequence
 from dataclasses import dataclass, replace
 from functools import cache, partial
-from hashlib import sha256
 from importlib import import_module
 from importlib.util import find_spec
 from pathlib import Path
 from typing import TYPE_CHECKING, Any, Literal
 
 from bench.catalogue.lookup import family_of
+from bench.catalogue.method_files import known_by
 from data_prep.failures import BadInput
 
 if TYPE_CHECKING:
@@ -36,8 +34,6 @@ ANY_SIZE = range(16, 2049)  # of an image, by the methods that draw surfaces or 
 ALLOWED = "PC2PIX_BENCH_MODULES"
 IMAGES = "images:"  # of a folder of images on the command line, as in "images:TREE"
 NAME = re.compile(rf"(?!{IMAGES})[^\W\d]\w*(\.[^\W\d]\w*)*:[^\W\d]\w*(\.[^\W\d]\w*)*")
-# Packages of this project; versions in the keys of jobs stand for their code.
-PROJECT = {"bench", "data_prep", "learning", "baselines", "pc2pix", "results"}
 
 
 @dataclass(frozen=True)
@@ -77,6 +73,10 @@ class Method:
         Sides in pixels of the images that it draws, in ascending order: 128, as a suite scores
         them, and others for which its renderer's `draw` takes the keyword `size`. For further sizes
         images are resampled.
+    files : sequence of str or Path
+        Files beside its code that the images of a method of another package or module depend on,
+        such as weights; relative paths are from the folder of the module. Their contents are a part
+        of its identity.
     images : ImageTree or None
         The images of a method that was run elsewhere; it draws only clouds of an export, and its
         times are claimed.
@@ -94,6 +94,7 @@ class Method:
     kind: Kind = ""
     color: Color = ""
     sizes: Sequence[int] = (128,)
+    files: Sequence[str | Path] = ()
     images: ImageTree | None = None
 
     def __post_init__(self) -> None:
@@ -104,11 +105,22 @@ class Method:
                 f"method '{self.id}': sizes {sizes!r}; give whole numbers in ascending order, 128 "
                 "among them, such as (128, 512)"
             )
+        listed = isinstance(self.files, (tuple, list))
+        if not listed or not all(isinstance(path, (str, Path)) for path in self.files):
+            raise BadInput(
+                f"method '{self.id}': files {self.files!r:.60}; give a tuple of paths, such as "
+                "('weights.npz',)"
+            )
 
     @property
     def address(self) -> str:
         """Return the text by which a run finds the method: its id, or where its images are."""
         return self.images.address if self.images else self.id
+
+    @property
+    def declared_files(self) -> tuple[str | Path, ...]:
+        """Return its `files`, and its file of weights."""
+        return (*self.files, *([self.weights_file()] if self.weights_file else []))
 
     @property
     def family(self) -> str:
@@ -182,7 +194,9 @@ def as_method(target: Any, name: str) -> Method | None:
     if not all(callable(getattr(target, function, None)) for function in ("prepare", "draw")):
         return None
     module = name.partition(":")[0]
-    return Method(name, partial(_instance, target), identity=str, version=1, source=module)
+    files = getattr(target, "files", ())
+    load = partial(_instance, target)
+    return Method(name, load, identity=str, version=1, source=module, files=files)
 
 
 def _instance(target: Any, device: str) -> Any:
@@ -193,7 +207,7 @@ def _instance(target: Any, device: str) -> Any:
 
 @cache
 def module_method(name: str) -> Method:
-    """Return the method MODULE:NAME; the checksum of its source is a part of its identity.
+    """Return the method MODULE:NAME; checksums of its source and files are a part of its identity.
 
     Raises BadInput for a name that no command has allowed, a module that cannot be loaded, and an
     object that is no method.
@@ -219,53 +233,8 @@ def module_method(name: str) -> Method:
             f"{name}: is a {type(target).__name__}; expected a Method, or a class with the "
             "functions prepare and draw"
         )
-    stated = method.identity
     return replace(
         method,
         id=name,
-        identity=lambda: f"{stated()} source {source_sha256(module)}".strip(),
+        identity=lambda: known_by(name, method.identity(), method.declared_files),
     )
-
-
-@cache  # as of the module that this process has loaded
-def source_sha256(module: str) -> str:
-    """Return the checksum of the source of a module and of what it imports from its folder."""
-    digest = sha256()
-    for file in source_files(module):
-        digest.update(f"{file.name} {sha256(file.read_bytes()).hexdigest()}\n".encode())
-    return digest.hexdigest()
-
-
-def source_files(module: str) -> list[Path]:
-    """Return the files behind a module, sorted.
-
-    These are the module or all files of its package, and, where these are in the current folder,
-    the modules and packages of that folder that they import, at the top or within functions.
-    """
-    top = module.partition(".")[0]
-    spec = find_spec(top)
-    assert spec is not None, "the module was loaded"
-    queue = [Path(place) for place in spec.submodule_search_locations or [str(spec.origin)]]
-    if not queue[0].exists():
-        raise BadInput(f"{module}: has no source, by which a run knows its images; wrap it")
-    folder, seen, files = Path.cwd(), {top, *PROJECT}, set[Path]()
-    is_here = queue[0].resolve().parent == folder.resolve()
-    while queue:
-        place = queue.pop()
-        of_place = sorted(place.rglob("*.py")) if place.is_dir() else [place]
-        files.update(of_place)
-        names = {name for file in of_place if is_here for name in _imported(file)} - seen
-        beside = (path for name in names for path in (folder / name, folder / f"{name}.py"))
-        queue += (path for path in beside if path.exists())
-        seen |= names
-    return sorted(files)
-
-
-def _imported(file: Path) -> Iterator[str]:
-    """Yield the first part of the name of each module that a file of Python imports."""
-    with suppress(SyntaxError, ValueError):  # it fails when it is imported, if it ever is
-        for node in ast.walk(ast.parse(file.read_bytes() if file.suffix == ".py" else b"")):
-            if isinstance(node, ast.Import):
-                yield from (alias.name.partition(".")[0] for alias in node.names)
-            elif isinstance(node, ast.ImportFrom) and node.module and not node.level:
-                yield node.module.partition(".")[0]

@@ -18,9 +18,10 @@ from bench.catalogue import loaders  # no package that is slow to import: `bench
 from bench.catalogue.chosen import CHOSEN
 from bench.catalogue.lookup import family_of, find, instead_of, unknown, variant_of
 from bench.catalogue.method import ANY_SIZE, IMAGES, Method, is_module_name, module_method
+from bench.catalogue.method_files import declared_files, with_files
 from data_prep.failures import BadInput
 from data_prep.files.safe_read import is_regular_file
-from data_prep.plugins import announced, load_entry_point
+from data_prep.plugins import announced, entry_point_folder, load_entry_point
 
 _WITH_WEIGHTS_FILE = {
     "pc2pix": loaders.PC2PIX,
@@ -238,7 +239,14 @@ def is_foreign(method_id: str) -> bool:
 @cache
 def _plugin(method_id: str) -> Method:
     named = "bench.methods.Method"
-    return load_entry_point("method", method_id, Method, named, OUR_FAMILIES)
+    method = load_entry_point("method", method_id, Method, named, OUR_FAMILIES)
+
+    def identity() -> str:
+        folder = entry_point_folder("method", method_id)
+        files = declared_files(method_id, method.declared_files, folder)
+        return with_files(method.identity(), files)
+
+    return replace(method, identity=identity)
 
 
 def objectives(methods: Iterable[Method]) -> dict[str, str]:

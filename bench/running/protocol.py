@@ -18,6 +18,7 @@ from bench.catalogue.images import address_of, manifest_entry
 from bench.catalogue.loaders import GPU
 from bench.catalogue.lookup import find
 from bench.catalogue.method import is_module_name
+from bench.catalogue.method_files import told_files
 from bench.catalogue.methods import (
     FLOOR,
     RECOMMENDED,
@@ -123,6 +124,11 @@ class Protocol:
         for condition in conditions:
             find_condition(condition)
         _log_all(plugin_problem("method", name) for name in methods)  # ours is run
+        _log_all(
+            told_files(name, method.declared_files)
+            for name, method in methods.items()
+            if is_module_name(name)
+        )
         _log_all(plugin_problem("condition", name) for name in conditions)
         refuse_values(options)
         device = device_of(options)

@@ -15,7 +15,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from bench.catalogue.conditions import PluginPerturbation, find_condition
-from bench.catalogue.method import PROJECT
+from bench.catalogue.method_files import PROJECT
 from bench.catalogue.methods import FLOORS, Method, find_run_method, is_foreign
 from bench.catalogue.metrics import (
     Extractor,

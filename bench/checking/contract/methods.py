@@ -12,8 +12,11 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
+from bench.catalogue.method import is_module_name
+from bench.catalogue.method_files import data_files, declared_files, told_files
 from bench.catalogue.methods import FLOORS, Method
 from bench.catalogue.suites import Limits
+from bench.checking.contract.files import unknown_files, watch_files
 from bench.checking.contract.findings import ContractViolation, checked_identity
 from bench.checking.contract.session import CheckStep, Passed
 from bench.checking.contract.targets import find_target
@@ -22,6 +25,7 @@ from data_prep.clouds.conditions import Perturbation
 from data_prep.clouds.extremes import extreme
 from data_prep.datasets.registry import ProceduralObject
 from data_prep.failures import BadInput, StageFailure
+from data_prep.plugins import announced, entry_point_folder
 from data_prep.randomness import generator
 from data_prep.scene import IMAGE_SIZE, PointCloud, Renderer, UInt8Images, View
 
@@ -97,11 +101,34 @@ def check_identity(name: str) -> Passed:
     """Check the identity and the version, which name finished work."""
     method = _method(name)
     identity = checked_identity(method.version, method.identity)
-    return Passed(f"version {method.version}, identity {identity!r} each time")
+    text = f"version {method.version}, identity {identity!r} each time"
+    if is_module_name(name):
+        told = told_files(name, method.declared_files).removeprefix(f"{name}: ")
+        return Passed(f"{text}; {told}")
+    return Passed(text)
+
+
+def _check_files(name: str) -> Passed:
+    """Check that a method of others is known by the files that it has read in the steps before."""
+    opened = sorted(watch_files())
+    if is_module_name(name):
+        known = data_files(name, _method(name).declared_files).files
+    elif name in announced("method"):
+        folder = entry_point_folder("method", name)
+        known = tuple(declared_files(name, _method(name).declared_files, folder))
+    else:
+        return Passed("the checksum of its weights is a part of its identity")
+    if unknown := unknown_files(opened, known):
+        raise ContractViolation(
+            f"reads {', '.join(map(str, unknown))}, whose change no run would notice; name it in "
+            "`files` of the method (docs/extending.md)"
+        )
+    return Passed(f"{len(known)} beside its code are a part of its identity, and no other is read")
 
 
 def check_loading(name: str) -> Passed:
     """Load the renderer."""
+    watch_files()
     start = time.perf_counter()
     renderer = _renderer(name)
     for function in ("prepare", "draw"):
@@ -254,5 +281,6 @@ FIRST = (
 LAST = (
     *(CheckStep(cloud, partial(_check_extreme, extreme=cloud)) for cloud in EXTREMES),
     CheckStep("cost", _check_cost),
+    CheckStep("files", _check_files, blocks=False),  # a cache of a library may be among them
     *(CheckStep(c, partial(_check_extreme, extreme=c), blocks=False) for c in NOT_FINITE),
 )

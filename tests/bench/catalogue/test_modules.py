@@ -10,9 +10,8 @@ from bench.catalogue.method import (
     ALLOWED,
     allow_modules,
     is_module_name,
-    source_files,
-    source_sha256,
 )
+from bench.catalogue.method_files import data_files, source_files, source_sha256, told_files
 from bench.catalogue.methods import find_method, known_method
 from data_prep.failures import BadInput
 
@@ -133,3 +132,87 @@ def test_the_source_is_the_module_and_what_it_imports_from_its_folder(folder, mo
 
 def test_an_installed_module_is_known_by_its_own_files_alone():
     assert {file.parts[-2] for file in source_files("threadpoolctl")} == {"site-packages"}
+
+
+NAMING = """from pathlib import Path
+import data_helper
+HERE = Path(__file__).parent
+
+class Mine:
+    {declared}
+    def prepare(self, cloud, rng):
+        return open("plain.txt"), HERE.joinpath("weights", "last.bin"), "weights", "meshes"
+
+    def draw(self, state, views, rng):
+        return HERE / f"deep/inner/{{len(views)}}.bin", "run", "absent.bin", "a\\0", ".", ".."
+"""
+
+
+@pytest.fixture
+def naming(folder, monkeypatch):
+    """Return the current folder, with a module whose texts name files in several ways."""
+    data = ("plain.txt", "unnamed.txt", "weights/last.bin", "weights/more/a.npz", "of_helper.json")
+    others = ("weights/.hidden", "weights/__pycache__/x.pyc")
+    of_a_run = ("run/manifest.json", "run/lock", "run/tables/a.csv")
+    contents = {
+        **dict.fromkeys((*data, *others, *of_a_run), "1"),
+        **{f"meshes/{i}.off": "1" for i in range(1_001)},
+        **{"data_pack/__init__.py": "", "data_pack/inner/table.csv": "1"},
+        "data_helper.py": "import data_pack\nNAME = 'of_helper.json'\n",
+        "data_main.py": NAMING.format(declared=""),
+        "data_declaring.py": NAMING.format(declared="files = ('unnamed.txt',)"),
+    }
+    for name, text in contents.items():
+        (folder / name).parent.mkdir(parents=True, exist_ok=True)
+        (folder / name).write_text(text)
+    monkeypatch.syspath_prepend(folder)
+    return folder
+
+
+def relative(files, folder):
+    return [str(file.relative_to(folder)) for file in files]
+
+
+def test_files_that_a_source_names_and_those_of_packages_are_known(naming):
+    expected = ["data_pack/inner/table.csv", "of_helper.json", "plain.txt"]
+    expected += ["weights/last.bin", "weights/more/a.npz"]
+    files, left_out = data_files("data_main:Mine")
+    assert relative(files, naming) == expected
+    assert relative(left_out, naming) == ["meshes"]
+    files, _ = data_files("data_main:Mine", ["unnamed.txt", naming / "weights/last.bin"])
+    assert relative(files, naming) == [*expected[:3], "unnamed.txt", *expected[3:]]
+    assert told_files("data_main:Mine", ()) == (
+        "data_main:Mine: known by its source and data_pack/inner/table.csv, of_helper.json, "
+        f"plain.txt, weights/last.bin, weights/more/a.npz; {naming}/meshes left out, of more than "
+        "1000 files or 4 GiB; other files that it reads are not seen: name them in `files` of the "
+        "method (docs/extending.md)"
+    )
+
+
+def test_the_identity_changes_with_each_file_that_is_known(naming):
+    allow_modules(["data_declaring:Mine"])
+    method = find_method("data_declaring:Mine")
+    before = method.identity()
+    for name, is_known in (
+        ("plain.txt", True),
+        ("weights/more/a.npz", True),
+        ("unnamed.txt", True),
+        ("weights/.hidden", False),
+        ("run/tables/a.csv", False),
+    ):
+        (naming / name).write_text("2")
+        assert (method.identity() != before) == is_known, name
+        (naming / name).write_text("1")
+        assert method.identity() == before
+    (naming / "unnamed.txt").unlink()
+    with pytest.raises(BadInput, match=r"data_declaring:Mine: declares the file .*unnamed\.txt"):
+        method.identity()
+
+
+@pytest.mark.parametrize("declared", ["'weights.npz'", "(1,)", "7"])
+def test_what_declares_no_paths_is_refused(folder, declared):
+    module = f"declares_{len(declared)}"
+    (folder / f"{module}.py").write_text(f"{CLASS}\nMine.files = {declared}\n")
+    allow_modules([f"{module}:Mine"])
+    with pytest.raises(BadInput, match=f"'{module}:Mine': files .*; give a tuple of paths"):
+        find_method(f"{module}:Mine")

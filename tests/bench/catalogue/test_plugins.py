@@ -26,6 +26,7 @@ from data_prep.clouds.conditions import Condition, Unchanged
 CONDITION = Condition("good", Unchanged(), "a stranger's")
 METHOD = Method("good", lambda device: None, str, 3, "a stranger's")
 DOTTED = Method("good@v1.2", lambda device: None, str, 4, "no file, though it has a dot")
+FILED = Method("filed", lambda device: None, lambda: "scipy 1", 1, "", files=("weights.npz",))
 OTHER_METHOD = Method("other-id", lambda device: None, str, 1, "")
 METRIC = ImageMetric("good", lambda truth, drawn: drawn[:, 0, 0, 0] * 1.0, 3, True, "a stranger's")
 OTHER_METRIC = ImageMetric("other-id", None, 1, True, "")
@@ -36,6 +37,7 @@ ANNOUNCED = """
 [pc2pix_bench.methods]
 good = stranger:METHOD
 good@v1.2 = stranger:DOTTED
+filed = stranger:FILED
 other = stranger:OTHER_METHOD
 text = stranger:TEXT
 missing = stranger:MISSING
@@ -125,6 +127,19 @@ def test_those_of_other_packages_are_found_listed_and_replace_none_of_ours(stran
     assert out.count("FAIL other packages: ") == 19
     status, _, err = command("test", "blank")
     assert (status, err) == (2, f"bench: method 'blank' of stranger: {ours}\n")
+
+
+def test_the_files_that_a_method_declares_are_a_part_of_its_identity(stranger, tmp_path):
+    weights, method = tmp_path / "weights.npz", find_method("filed")
+    with pytest.raises(BadInput, match=f"filed: declares the file {weights}, which is not there"):
+        method.identity()
+    identities = set()
+    for content in ("first", "second", "first"):
+        weights.write_text(content)
+        identities.add(method.identity())
+    assert len(identities) == 2
+    assert all(text.startswith("scipy 1 files ") for text in identities)
+    assert find_method("good").identity() == ""
 
 
 def test_ids_of_this_project_are_all_known():

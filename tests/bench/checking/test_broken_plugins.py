@@ -127,3 +127,19 @@ def test_good_ones_pass(module, name, elsewhere):
     assert [line for line in findings.items() if line[1][0] != "ok"] == []
     if module is broken_methods:
         assert len(findings) == 2 + len(steps_of(Method, None)) + 1
+
+
+@pytest.mark.slow
+def test_a_file_that_is_read_and_not_known_is_named(elsewhere):
+    (elsewhere / "w.bin").write_text("weights")
+    text = broken_methods.MODULE.format(line="open(''.join(['w', '.bin'])).close()")
+    (elsewhere / "reading.py").write_text(text)
+    read = f"reads {elsewhere / 'w.bin'}, whose change no run would notice; name it in `files`"
+    assert_named(verdicts("reading:Plain"), "files", read, False)
+    (elsewhere / "declaring.py").write_text(f"{text}\nclass Mine(Plain):\n    files = ('w.bin',)\n")
+    found = verdicts("declaring:Mine")
+    assert found["files"] == (
+        "ok",
+        "1 beside its code are a part of its identity, and no other is read",
+    )
+    assert "; known by its source and w.bin; other files" in found["identity"][1]

@@ -6,9 +6,11 @@ import sys
 from dataclasses import replace
 from pathlib import Path
 
+import numpy as np
 import pytest
 
-from bench.catalogue.method import ALLOWED, allow_modules, module_method, source_sha256
+from bench.catalogue.method import ALLOWED, allow_modules, module_method
+from bench.catalogue.method_files import source_sha256
 from bench.commands.contract import options_of
 from bench.commands.publish import merge_shards, publish, run_suite
 from bench.commands.terminal import Terminal
@@ -285,6 +287,31 @@ def test_a_method_of_a_module_stays_where_no_command_names_it(
     assert read_manifest(copied)["identities"] != manifest["identities"]
     other = read_records(copied)
     assert (other[other["method"] == name]["ssim"].to_numpy() != drawn["ssim"].to_numpy()).all()
+
+
+@pytest.mark.slow
+def test_a_method_whose_weights_were_trained_again_is_measured_anew(
+    copied, same_machine, tiny_weights, grey_module, capsys
+):
+    name = "grey_module:Grey"
+    grey_module.write_text(GREY.replace("0.5", "np.load('level.npy')"))
+    allow_modules([name])
+
+    def scores(level):
+        np.save("level.npy", np.float32(level))
+        measured = measure(finished_options(tiny_weights, copied, methods=(name,)))
+        records = read_records(copied, method=name)
+        return (measured.done, measured.reused), records["ssim"].to_numpy()
+
+    counts, first = scores(0.5)
+    assert counts == (6, 21)
+    assert f"{name}: known by its source and level.npy; other files" in capsys.readouterr().err
+    counts, second = scores(0.25)
+    assert counts == (6, 21)
+    assert (second != first).all()
+    counts, third = scores(0.5)  # the first ones are still there
+    assert counts == (0, 27)
+    assert (third == first).all()
 
 
 @pytest.mark.slow
