@@ -118,7 +118,8 @@ def test_a_machine_on_which_no_worker_begins_is_a_finding():
 
 
 @pytest.mark.slow
-def test_the_time_of_a_whole_test_is_limited():
+def test_the_time_of_a_whole_test_is_limited(tmp_path, monkeypatch):
+    monkeypatch.chdir(tmp_path)  # of a package in the current folder all sources are read
     start = time.monotonic()
     texts = {
         finding.subject: finding.text
