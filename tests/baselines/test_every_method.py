@@ -32,6 +32,15 @@ ORDERLESS = (
     *("surface-fit", "alpha-wrap", "denoised-wrap"),
     *("splat-net", "splat", "splat-fill", "occupancy-net", "fused-net"),
 )
+# How far `features` may move on another machine. Where meshes are drawn, another driver or
+# ray-caster samples edges elsewhere: a turn of all views by 0.1 degree, as in
+# bench/checking/tolerances.py, moves them by up to 1.2e-4 (`open3d-poisson`). Another
+# processor rounds elsewhere, and MeshLab's normals are ill-conditioned: points moved to a
+# neighbouring float32, or not, at random, do it by up to 8.5e-5 (`poisson`). Three times the larger
+# is allowed. Other methods move by up to 1.2e-5 (`splat-net`), and by 6e-7 with the kernels of
+# other processors. `surface-apss` moves by 2.3e-3, and with what memory held before.
+DRAWS_MESHES = (*SURFACES, "true-mesh", "occupancy-net", "fused-net")
+MOVES = dict.fromkeys(METHODS, 5e-5) | dict.fromkeys(DRAWS_MESHES, 3.6e-4) | {"surface-apss": 5e-3}
 # `features` of the images of a clean cloud and, for some, of a noisy one.
 VALUES: dict[str, list[tuple[float, float]]] = {
     "surface-apss": [(0.926755, 0.014446)],
@@ -94,10 +103,7 @@ def test_images_of_any_views(cloud: PointCloud, name: str) -> None:
     if name not in ("true-mesh", "surface-apss"):  # the mesh behind the cloud is not looked at
         bare = method.prepare(PointCloud(cloud.points), rng)
         np.testing.assert_array_equal(method.draw(bare, VIEWS, rng), images)
-    # Networks sum in another order on another processor; elsewhere a pixel may flip. What memory
-    # held before moves the surface of `surface-apss`.
-    atol = 5e-3 if name == "surface-apss" else 5e-5
-    assert features(images) == pytest.approx(VALUES[name][0], abs=atol)
+    assert features(images) == pytest.approx(VALUES[name][0], abs=MOVES[name])
 
 
 @pytest.mark.parametrize("name", ORDERLESS)
@@ -110,7 +116,7 @@ def test_neither_order_nor_repeated_points_matter(name: str) -> None:
     states = [method.prepare(PointCloud(some), rng) for some in (points, changed)]
     images, others = (method.draw(state, VIEWS, rng) for state in states)
     np.testing.assert_array_equal(images, others)
-    assert features(images) == pytest.approx(VALUES[name][1], abs=5e-5)
+    assert features(images) == pytest.approx(VALUES[name][1], abs=MOVES[name])
     if name in SURFACES:
         first, second = states
         np.testing.assert_array_equal(first.mesh.vertices, second.mesh.vertices)
