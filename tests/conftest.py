@@ -14,10 +14,14 @@ import pytest
 
 ALONE = ("opengl", "ray", "memory", "timing")  # see the markers in pyproject.toml
 MADE_ONCE = ("finished",)  # fixtures of the session that take long: made by one worker
-
-
-# Where programs look for settings and caches when these are not set: below HOME.
+# Folders of settings and caches, which are below HOME where these are not set.
 ELSEWHERE = ("XDG_CACHE_HOME", "XDG_CONFIG_HOME", "XDG_DATA_HOME", "XDG_STATE_HOME")
+# Git reads a checkout of another user only where its settings, which the user's home has, say so.
+GIT = {
+    "GIT_CONFIG_COUNT": "1",
+    "GIT_CONFIG_KEY_0": "safe.directory",
+    "GIT_CONFIG_VALUE_0": str(Path(__file__).parents[1]),
+}
 HOME = pytest.StashKey[str]()
 
 
@@ -27,6 +31,7 @@ def pytest_configure(config: pytest.Config) -> None:
     config.stash[HOME] = os.environ["HOME"] = tempfile.mkdtemp(prefix="home-of-tests-")
     for name in ELSEWHERE:
         os.environ.pop(name, None)
+    os.environ.update(GIT)
 
 
 def pytest_unconfigure(config: pytest.Config) -> None:
@@ -50,8 +55,9 @@ def stays_empty(current_folder: Path) -> Iterator[None]:
     yield
     left = sorted(path.name for path in current_folder.iterdir())
     if left:
-        shutil.rmtree(current_folder)
+        shutil.rmtree(current_folder)  # or the next tests would fail, too
         current_folder.mkdir()
+        os.chdir(current_folder)
         pytest.fail(f"left {left} in the current folder: write into tmp_path")
 
 
