@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, replace
 
 import numpy as np
 from numpy.typing import NDArray
@@ -72,6 +72,13 @@ class Splat:
         for i, view in enumerate(views):
             images[i] = _paint(state, view, size)
         return images
+
+    def coverage(
+        self, state: Discs, views: Sequence[View], size: int = IMAGE_SIZE
+    ) -> NDArray[np.float32]:
+        """Return 1 in pixels [V, size, size] that a disc paints, else 0."""
+        black = replace(state, colors=np.zeros(state.centres.shape, np.uint8))
+        return 1 - self.draw(black, views, size=size)[..., 0]
 
 
 def _nearest(points: Points) -> NDArray[np.float64]:

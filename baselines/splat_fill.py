@@ -105,23 +105,31 @@ class SplatFill:
         del rng
         images = np.empty((len(views), size, size, 3), np.float32)
         for i, view in enumerate(views):
-            images[i] = _paint(state, view, size)[..., None]
+            covered, filled = _paint(state, view, size)
+            images[i] = (1 - covered + covered * filled)[..., None]
         return images
 
+    def coverage(
+        self, state: _OrientedPoints, views: Sequence[View], size: int = IMAGE_SIZE
+    ) -> NDArray[np.float32]:
+        """Return the share of each pixel within the outline, 0..1, [V, size, size]."""
+        shares = [_paint(state, view, size)[0] for view in views]
+        return np.array(shares, np.float32).reshape(-1, size, size)
 
-def _paint(state: _OrientedPoints, view: View, size: int) -> Floats:
+
+def _paint(state: _OrientedPoints, view: View, size: int) -> tuple[Floats, Floats]:
+    """Return how much of each pixel is covered, and the grey of what covers it, both [S, S]."""
     depth, cosine = _nearest(state, view, size)
     if not np.isfinite(depth).any():
-        return np.ones(depth.shape)
+        return np.zeros(depth.shape), np.ones(depth.shape)
     zoom = size / IMAGE_SIZE
     between, most = zoom * state.spacing * FOCAL_PX / CAMERA_DISTANCE, zoom * MAX_RADIUS_PX
-    coverage = _outline(np.isfinite(depth), min(_CLOSING * between, most), MARGIN * between)
+    covered = _outline(np.isfinite(depth), min(_CLOSING * between, most), MARGIN * between)
     shown = _visible(depth, min(_COVERING * between, most), BEHIND * state.spacing)
     # Obliquely a patch covers few pixels, and most oblique normals are wrong ones, of edges. Never
     # nothing: an image of oblique points alone has to be filled too.
     weight = np.where(shown, np.maximum(SHARE * cosine, LEAST_SHARE), 0.0)
-    filled = _pull_push(NEUTRAL_GREY[0] / 255 * cosine ** (1 / GAMMA), weight)
-    return 1 - coverage + coverage * filled
+    return covered, _pull_push(NEUTRAL_GREY[0] / 255 * cosine ** (1 / GAMMA), weight)
 
 
 def _smoothed(points: Floats, noise: float, between: float) -> Floats:

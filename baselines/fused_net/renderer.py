@@ -16,7 +16,7 @@ from baselines.reconstruction.alpha_wrap import DenoisedWrap
 from baselines.reconstruction.stages import Reconstruction, in_grey
 from baselines.splat_net.engine import Precision
 from baselines.splat_net.projection import Projection, cameras
-from baselines.splat_net.renderer import SplatNetRenderer, views_at_once
+from baselines.splat_net.renderer import Projector, SplatNetRenderer, views_at_once
 from baselines.splat_net.surfels import Surfels
 from data_prep.failures import StageFailure
 from data_prep.rendering.raycast import surface_maps
@@ -88,13 +88,25 @@ class FusedNetRenderer:
         """
         del rng
         splats = self.splats.at_size(size or self.splats.size)
+        most = views_at_once(len(state.surfels))
+        return splats.draw_projected(_projector(state, splats), views, most)
 
-        def project(some: Sequence[View]) -> Projection:
-            maps = torch.from_numpy(maps_of(state.meshes, some, splats.size))
-            at, maps = cameras(some).to(splats.device), maps.to(splats.device)
-            return Projection(state.surfels, at, splats.inputs, splats.size, maps)
+    def coverage(
+        self, state: _FusedState, views: Sequence[View], size: int | None = None
+    ) -> NDArray[np.float32]:
+        """Return the share of each pixel that is covered, float32 [V, size, size] in 0..1."""
+        splats = self.splats.at_size(size or self.splats.size)
+        most = views_at_once(len(state.surfels))
+        return splats.projected_coverage(_projector(state, splats), views, most)
 
-        return splats.draw_projected(project, views, views_at_once(len(state.surfels)))
+
+def _projector(state: _FusedState, splats: SplatNetRenderer) -> Projector:
+    def project(some: Sequence[View]) -> Projection:
+        maps = torch.from_numpy(maps_of(state.meshes, some, splats.size))
+        at, maps = cameras(some).to(splats.device), maps.to(splats.device)
+        return Projection(state.surfels, at, splats.inputs, splats.size, maps)
+
+    return project
 
 
 class _Reconstructor(Protocol):

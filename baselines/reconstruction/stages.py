@@ -14,7 +14,7 @@ from data_prep.clouds.sampling import random_rows
 from data_prep.failures import StageFailure
 from data_prep.rendering.camera import CAMERA_DISTANCE, FOCAL_PX
 from data_prep.rendering.images import to_float
-from data_prep.rendering.mesh import draw_mesh
+from data_prep.rendering.mesh import draw_mesh, mesh_coverage
 from data_prep.scene import IMAGE_SIZE, NEUTRAL_GREY, Images, Mesh, PointCloud, Points, View
 
 FOOTPRINT = CAMERA_DISTANCE / FOCAL_PX  # what a pixel covers at the origin
@@ -42,6 +42,12 @@ class DrawsReconstruction:
         """Render the reconstructed mesh, in images [V, size, size, 3]; no randomness."""
         del rng
         return to_float(draw_mesh(state.mesh, views, size))
+
+    def coverage(
+        self, state: Reconstruction, views: Sequence[View], size: int = IMAGE_SIZE
+    ) -> NDArray[np.float32]:
+        """Return the share of each pixel that the mesh covers, 0..1, [V, size, size]."""
+        return mesh_coverage(state.mesh, views, size)
 
 
 def check_points(points: Points, least: int, what: str) -> None:

@@ -10,7 +10,7 @@ import functools
 import torch
 from torch import Tensor, nn
 
-from baselines.splat_net.network import PLANES, Block, SplatNet, shading_of
+from baselines.splat_net.network import NEUTRAL, PLANES, Block, SplatNet, shading_of
 from baselines.splat_net.sharpening import take_meshes
 from learning.convolution import Convolution, Precision, dtype_of, normalisation
 
@@ -40,11 +40,7 @@ class FoldedSplatNet:
 
         The channels [P, C, S, S] are of `dtype`. `points` are not used.
         """
-        layers = self.for_one if len(channels) == 1 else self.for_many
-        output, albedo = layers(channels)
-        planes = output.float().sigmoid_()
-        if self.network.config.inputs.meshes:
-            planes = take_meshes(planes, channels, self.network.config.inputs)
+        planes, albedo = self._planes(channels)
         alpha, missing = planes[:, 0], planes[:, 1:].expand(-1, 3, -1, -1)
         if albedo is not None:
             missing = 1 - shading_of(1 - missing) * albedo.float().sigmoid()[:, :, None, None]
@@ -53,6 +49,25 @@ class FoldedSplatNet:
         for image, colour in zip(images.unbind(3), missing.unbind(1), strict=True):
             torch.addcmul(white, alpha, colour, value=-1, out=image)
         return images
+
+    def coverage(self, channels: Tensor, points: Tensor | None = None) -> Tensor:
+        """Return the share of each pixel that is covered, float32 [P, S, S, 1], of such images."""
+        planes, _ = self._planes(channels)
+        alpha = planes[:, 0]
+        if self.network.config.heads == ("grey",):
+            # Nothing in neutral grey is brighter than that: what a brighter cover lets through is
+            # the white background, which the network draws beside outlines in alpha and cover.
+            alpha = alpha * (planes[:, 1] / (1 - NEUTRAL)).clamp(max=1.0)
+        return alpha[..., None]
+
+    def _planes(self, channels: Tensor) -> tuple[Tensor, Tensor | None]:
+        """Return alpha and 1 less the first head [P, planes, S, S], 0..1, and any albedo."""
+        layers = self.for_one if len(channels) == 1 else self.for_many
+        output, albedo = layers(channels)
+        planes = output.float().sigmoid_()
+        if self.network.config.inputs.meshes:
+            planes = take_meshes(planes, channels, self.network.config.inputs)
+        return planes, albedo
 
 
 class _Layers:

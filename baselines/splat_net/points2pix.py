@@ -100,6 +100,11 @@ class Points2PixEngine:
         _, (image, *_) = composite(output, self.network.config.heads)
         return image.expand(-1, 3, -1, -1).permute(0, 2, 3, 1)
 
+    def coverage(self, channels: Tensor, points: Tensor) -> Tensor:
+        """Return the share of each pixel that is covered, float32 [P, 128, 128, 1]."""
+        alpha, _ = composite(self.network(channels, points), self.network.config.heads)
+        return alpha.permute(0, 2, 3, 1)
+
 
 Network = SplatNet | Points2Pix
 

@@ -6,6 +6,8 @@ from collections.abc import Callable, Sequence
 
 import numpy as np
 import torch
+from numpy.typing import NDArray
+from torch import Tensor
 
 from baselines.splat_net.engine import GROUP, FoldedSplatNet, Precision
 from baselines.splat_net.network import SMALLEST
@@ -19,6 +21,7 @@ from learning.weights import NetworkWeights
 
 VIEWS_TOGETHER = 20
 _POINTS_TOGETHER = 2**19  # of all these views: a bound on memory for large clouds
+Projector = Callable[[Sequence[View]], Projection]
 
 
 class SplatNetRenderer:
@@ -128,11 +131,18 @@ class SplatNetRenderer:
             At the stage "draw", where the network gives NaN or infinity.
         """
         del rng
+        return self.draw_projected(self._projector(state), views, views_at_once(len(state)))
 
-        def project(some: Sequence[View]) -> Projection:
-            return Projection(state, cameras(some).to(self.device), self.inputs, self.size)
+    def coverage(
+        self, state: Surfels, views: Sequence[View], size: int | None = None
+    ) -> NDArray[np.float32]:
+        """Return the share of each pixel that the network takes for covered, [V, size, size]."""
+        splats = self.at_size(size or self.size)
+        most = views_at_once(len(state))
+        return splats.projected_coverage(splats._projector(state), views, most)
 
-        return self.draw_projected(project, views, views_at_once(len(state)))
+    def _projector(self, state: Surfels) -> Projector:
+        return lambda some: Projection(state, cameras(some).to(self.device), self.inputs, self.size)
 
     def at_size(self, size: int) -> SplatNetRenderer:
         """Return the renderer of images of a size by the same network."""
@@ -142,12 +152,28 @@ class SplatNetRenderer:
             )
         return self._at_sizes[size]
 
-    @exact_inference()
-    def draw_projected(
-        self, project: Callable[[Sequence[View]], Projection], views: Sequence[View], most: int
-    ) -> Images:
+    def draw_projected(self, project: Projector, views: Sequence[View], most: int) -> Images:
         """Return images of what `project` gives for at most `most` of the views at a time."""
         images = np.empty((len(views), self.size, self.size, 3), np.float32)
+        return self._filled(images, self.engine, project, views, most)
+
+    def projected_coverage(
+        self, project: Projector, views: Sequence[View], most: int
+    ) -> NDArray[np.float32]:
+        """Return the coverage [V, size, size] of the images of `draw_projected`."""
+        shares = np.empty((len(views), self.size, self.size, 1), np.float32)
+        return self._filled(shares, self.engine.coverage, project, views, most)[..., 0]
+
+    @exact_inference()
+    def _filled(
+        self,
+        images: NDArray[np.float32],
+        engine: Callable[[Tensor, Tensor], Tensor],
+        project: Projector,
+        views: Sequence[View],
+        most: int,
+    ) -> NDArray[np.float32]:
+        """Fill images [V, size, size, C] with what an engine gives, and return them."""
         for start in range(0, len(views), most):
             seen = project(views[start : start + most])
             some, count = images[start : start + most], len(seen.points)
@@ -155,7 +181,7 @@ class SplatNetRenderer:
             for k in range(groups):
                 group = slice(k * count // groups, (k + 1) * count // groups)
                 channels = seen.channels(group, self.engine.dtype)
-                drawn = self.engine(channels, seen.points[group])
+                drawn = engine(channels, seen.points[group])
                 if not drawn.sum().isfinite():  # of values in 0..1
                     raise StageFailure("draw", "the image is not finite")
                 some[group] = drawn.cpu().numpy()

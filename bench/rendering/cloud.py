@@ -15,7 +15,7 @@ from numpy.typing import NDArray
 from bench.catalogue.methods import Method, find_method
 from bench.catalogue.suites import Limits
 from bench.rendering.drawing_thread import on_drawing_thread, one_pool
-from bench.rendering.finish import resized, without_background
+from bench.rendering.finish import guessed_coverage, resized, without_background
 from bench.running.isolation import WorkerFailure, run_tasks
 from bench.running.work import draw, load_renderer, reason_of
 from data_prep.clouds.coarse_steps import note_on_steps
@@ -453,8 +453,16 @@ def draw_views(renderer: Renderer, cloud: PointCloud, drawing: Drawing) -> Drawn
     batch = drawing.batch or max(1, _MOST_PIXELS // side**2)
     drawn = draw(method, keeper, cloud, drawing.views, rng, batch, side=side).images
     notes = tuple(f"{method.id}: {note}" for note in getattr(keeper.state, "notes", ()))
-    finish = without_background if drawing.background == "transparent" else resized
-    return DrawnViews(finish(drawn, drawing.size), keeper.state, notes)
+    if drawing.background == "white":
+        return DrawnViews(resized(drawn, drawing.size), keeper.state, notes)
+    coverage: Any = getattr(renderer, "coverage", None)
+    if coverage is None:
+        notes += (f"{method.id}: tells no opacity; it is guessed from how dark a pixel is",)
+        shares = guessed_coverage(drawn)
+    else:
+        some = [drawing.views[i : i + batch] for i in range(0, len(drawing.views), batch)]
+        shares = np.concatenate([coverage(keeper.state, views, side) for views in some])
+    return DrawnViews(without_background(drawn, shares, drawing.size), keeper.state, notes)
 
 
 def check_draws_colours(method_id: str) -> None:

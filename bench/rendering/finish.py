@@ -18,7 +18,7 @@ from data_prep.scene import IMAGE_SIZE, UInt8Images
 if TYPE_CHECKING:
     from PIL.ImageFont import FreeTypeFont, ImageFont
 
-_BACKGROUND = 8 / 255  # less dark is background: networks draw it a little off white
+_BACKGROUND = 8 / 255  # less dark or covered is background: networks are not quite sure of it
 _EDGE_PX = 2  # the smoothed edges of networks; those of meshes take one
 MARGIN = 6
 LABEL_HEIGHT = 18
@@ -40,39 +40,51 @@ def resized(images: NDArray[np.uint8], size: int) -> NDArray[np.uint8]:
     )
 
 
-def without_background(images: UInt8Images, size: int) -> NDArray[np.uint8]:
+def without_background(
+    images: UInt8Images, coverage: NDArray[np.float32], size: int
+) -> NDArray[np.uint8]:
     """Return images on white, [F, S, S, 3], as RGBA [F, size, size, 4] that are the same on white.
 
-    White is transparent, the object opaque. Within _EDGE_PX of the background a pixel is as opaque
-    as it is dark, compared with the object beside it. Its colour is the one that on white gives
-    the pixel of the opaque image (of `resized`) again, within a grey level.
+    The opacity of a pixel is its coverage, [F, S, S] in 0..1, or 0 below _BACKGROUND. Its colour is
+    the one that on white gives the pixel of the opaque image (of `resized`) again, within a grey
+    level.
     """
+    rgba = np.empty((len(images), size, size, 4), np.uint8)
+    for image, share, out in zip(images, coverage, rgba, strict=True):
+        (large,) = resized(image[None], size)
+        covered = np.where(share < _BACKGROUND, 0, share)
+        levels = np.floor(255 * _enlarged(covered, size).clip(0, 1) + 0.5)
+        # Less opaque than dark, a pixel would need a colour darker than black.
+        levels = np.maximum(levels, 255 - large.min(axis=-1))[..., None]
+        colour = np.full(large.shape, 255.0)
+        np.divide(255 * (large + levels - 255), levels, out=colour, where=levels > 0)
+        out[...] = np.concatenate([np.floor(colour + 0.5), levels], axis=-1)
+    return rgba
+
+
+def _enlarged(share: NDArray[np.float32], size: int) -> NDArray[np.float32]:
+    """Return an image [S, S] of one number as `resized` makes it, which may leave 0..1."""
     from PIL import Image
 
-    large = resized(images, size)
-    opacity = np.stack([_opacity(image) for image in images]).astype(np.float32)
-    if opacity.shape[1:] != large.shape[1:3]:
-        lanczos = Image.Resampling.LANCZOS
-        enlarged = [Image.fromarray(o).resize((size, size), lanczos) for o in opacity]
-        opacity = np.stack([np.asarray(o) for o in enlarged])
-    # Less opaque than dark, a pixel would need a colour darker than black.
-    opacity = np.clip(opacity, _darkness(large), 1.0)
-    steps = np.ceil(opacity * 255 - 1e-3)[..., None]  # up, for the same reason
-    alpha = steps / 255
-    colour = np.full(large.shape, 255.0)
-    np.divide(large - 255 * (1 - alpha), alpha, out=colour, where=alpha > 0)
-    rgb = np.floor(np.clip(colour, 0, 255) + 0.5)
-    return np.concatenate([rgb, steps], axis=3).astype(np.uint8)
+    if share.shape == (size, size):
+        return share
+    whole = Image.fromarray(share.astype(np.float32))
+    return np.asarray(whole.resize((size, size), Image.Resampling.LANCZOS))
 
 
-def _darkness(images: NDArray[np.uint8]) -> NDArray[np.float64]:
-    return 1 - images.min(axis=-1) / 255
+def guessed_coverage(images: UInt8Images) -> NDArray[np.float32]:
+    """Return the coverage of images on white [F, S, S, 3] as one can see it, [F, S, S] in 0..1.
+
+    White is background. Within _EDGE_PX of it a pixel is as covered as it is dark, compared with
+    the object beside it; so thin and bright parts are taken for half transparent.
+    """
+    return np.array([_guessed(image) for image in images], np.float32).reshape(images.shape[:3])
 
 
-def _opacity(image: NDArray[np.uint8]) -> NDArray[np.float64]:
+def _guessed(image: NDArray[np.uint8]) -> NDArray[np.float64]:
     from scipy.ndimage import maximum_filter, minimum_filter, uniform_filter
 
-    darkness, around = _darkness(image), 2 * _EDGE_PX + 1
+    darkness, around = 1 - image.min(axis=-1) / 255, 2 * _EDGE_PX + 1
     within = minimum_filter(darkness, around) >= _BACKGROUND
     # The object beside an edge is what is near of its inside; a thin part has none near by, and is
     # measured by its darkest pixel.

@@ -12,9 +12,10 @@ from collections.abc import Sequence
 import numpy as np
 from numpy.typing import NDArray
 
+from data_prep.rendering.images import to_float
 from data_prep.rendering.opengl import render
 from data_prep.rendering.raycast import cast
-from data_prep.scene import IMAGE_SIZE, Mesh, View
+from data_prep.scene import IMAGE_SIZE, Mesh, View, in_one_colour
 
 # For 20 views both take the same time at some 7,000 faces; from here on rays took less for every
 # mesh (`python -m studies.ray_speed` at commit 6e4975d).
@@ -48,3 +49,13 @@ def draw_mesh(mesh: Mesh, views: Sequence[View], size: int = IMAGE_SIZE) -> NDAr
     # Never by time: an image must not depend on the speed of the machine.
     draw = cast if len(mesh.faces) >= RAYS_FROM_FACES else render
     return draw(mesh, views, size=size)
+
+
+def mesh_coverage(mesh: Mesh, views: Sequence[View], size: int = IMAGE_SIZE) -> NDArray[np.float32]:
+    """Return the share of each pixel of `draw_mesh` that a mesh covers, float32 [V, size, size].
+
+    Raises as `draw_mesh`.
+    """
+    # In black a pixel is as dark as it is covered, by the same renderer and samples as the image.
+    black = draw_mesh(in_one_colour(mesh, (0, 0, 0)), views, size)
+    return 1 - to_float(black[..., 0])

@@ -5,7 +5,7 @@ import pytest
 from PIL import Image
 
 from baselines.splat import Splat
-from bench.rendering.finish import resized, without_background
+from bench.rendering.finish import guessed_coverage, resized, without_background
 from data_prep.clouds.sampling import sample_surface
 from data_prep.datasets.registry import open_dataset
 from data_prep.randomness import generator
@@ -29,7 +29,10 @@ def on(ground, rgba):
 
 @pytest.mark.parametrize("size", [16, 128, 300])
 def test_over_white_a_transparent_image_is_the_opaque_one(chair, size):
-    """Lay smooth and sharp edges, colours, greys a little off white, and noise over white."""
+    """Lay smooth and sharp edges, colours, greys a little off white, and noise over white.
+
+    It holds whatever the coverage is: one less than the darkness would ask for colours below black.
+    """
     rng = generator("test")
     mesh = cast(in_one_colour(chair, (200, 90, 20)), VIEWS)
     splats = Splat().prepare(sample_surface(chair, rng))
@@ -37,16 +40,21 @@ def test_over_white_a_transparent_image_is_the_opaque_one(chair, size):
     off_white = np.minimum(mesh, rng.integers(245, 256, mesh.shape, dtype=np.uint8))
     splat = np.rint(255 * Splat().draw(splats, VIEWS)).astype(np.uint8)
     for images in (mesh, splat, noise, off_white, np.full_like(mesh, 255), np.zeros_like(mesh)):
-        opaque = resized(images, size)
-        for image, rgba in zip(opaque, without_background(images, size), strict=True):
-            assert rgba.shape == (size, size, 4)
-            assert np.abs(on(255, rgba) - image).max() <= 1
+        opaque, of_any = resized(images, size), rng.random(images.shape[:3], np.float32)
+        for coverage in (guessed_coverage(images), np.ones_like(of_any), 0 * of_any, of_any):
+            found = without_background(images, coverage, size)
+            assert found.shape == (2, size, size, 4)
+            for image, rgba in zip(opaque, found, strict=True):
+                assert np.abs(on(255, rgba) - image).max() <= 1
 
 
-def test_the_opacity_is_the_share_of_a_pixel_that_the_object_covers(chair):
+def test_the_opacity_is_the_coverage_and_where_it_is_guessed_nearly_that(chair):
     """A black mesh on white tells it: a quarter for each sample of four."""
     covered = 1 - cast(in_one_colour(chair, (0, 0, 0)), VIEWS)[..., 0] / 255
-    rgba = without_background(cast(in_one_colour(chair, NEUTRAL_GREY), VIEWS), 128)
+    images = cast(in_one_colour(chair, NEUTRAL_GREY), VIEWS)
+    exact = without_background(images, covered.astype(np.float32), 128)
+    assert np.array_equal(exact[..., 3], np.rint(255 * covered))
+    rgba = without_background(images, guessed_coverage(images), 128)
     opacity = rgba[..., 3] / 255
     assert (opacity[covered == 0] == 0).all()
     assert opacity[covered == 1].mean() > 0.98
