@@ -124,7 +124,7 @@ def _check_file(run: Run, file: Path, widths: Widths) -> CheckResult:
             f"{file}: of another protocol than {run.directory}: {', '.join(other)}; check a run "
             "with the same options, or write golden values of this one with --bless FILE"
         )
-    cells, moved, remark = compare_objects(run, golden_values, widths, means=True)
+    cells, moved, notes = compare_objects(run, golden_values, widths, means=True)
     if not cells:
         raise BadInput(
             f"{file}: has no method, condition and object of {run.directory} in common; check a "
@@ -135,7 +135,7 @@ def _check_file(run: Run, file: Path, widths: Widths) -> CheckResult:
         for kind, known in golden_values.names.items()
         if (lost := known - {*run.manifest[kind]})
     )
-    remarks = (*_without_golden(run.manifest, golden_values), *absent, remark)
+    remarks = (*_without_golden(run.manifest, golden_values), *absent, *notes)
     return CheckResult(cells, (), remarks, moved, run.suite.headline)
 
 
@@ -163,9 +163,9 @@ def _check_values(run: Run, widths: Widths) -> CheckResult:
     else:
         remarks.append("not all golden objects: means and distances of the run are not compared")
     if objects is not None:
-        by_object, moved, remark = compare_objects(run, objects, widths, means=not whole)
+        by_object, moved, notes = compare_objects(run, objects, widths, means=not whole)
         cells += by_object
-        remarks += [*_without_golden(run.manifest, objects), remark]
+        remarks += [*_without_golden(run.manifest, objects), *notes]
     stale = tuple(_stale_tables(run.directory, written))
     return CheckResult(cells, stale, tuple(remarks), moved, run.suite.headline)
 

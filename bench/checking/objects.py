@@ -17,6 +17,7 @@ A file of a user's own (`write_file`) is one JSON of the same, without thumbnail
 
 from __future__ import annotations
 
+import csv
 import io
 import json
 import math
@@ -144,10 +145,10 @@ class GoldenObjects:
 
 def _paths(name: str) -> tuple[Path, Path, Path]:
     means = golden_path(name)
-    csv, png, about = (
+    table, png, about = (
         means.with_name(f"{name}-objects{suffix}") for suffix in (".csv", ".png", ".json")
     )
-    return csv, png, about
+    return table, png, about
 
 
 def read_objects(name: str) -> GoldenObjects | None:
@@ -155,8 +156,8 @@ def read_objects(name: str) -> GoldenObjects | None:
 
     Raises BadInput where a file is missing, or was not written with the others.
     """
-    csv, png, about = _paths(name)
-    if not any(path.is_file() for path in (csv, png, about)):
+    table, png, about = _paths(name)
+    if not any(path.is_file() for path in (table, png, about)):
         return None
     remedy = (
         "restore it with git, or write all of them with 'bench check DIR --bless results/golden'"
@@ -164,21 +165,50 @@ def read_objects(name: str) -> GoldenObjects | None:
     try:
         fields = json.loads(about.read_text(encoding="utf-8"))
         protocol, environment, sums = (fields[n] for n in ("protocol", "environment", "sha256"))
-        for path in (csv, png):
+        for path in (table, png):
             if sha256(path.read_bytes()).hexdigest() != sums[path.name]:
                 raise BadInput(f"{path}: damaged, or of another run than {about.name}; {remedy}")
-    except (OSError, ValueError, KeyError, TypeError) as error:
+        lines = _read_lines(table.read_text(encoding="utf-8"))
+    except (OSError, ValueError, KeyError, TypeError, csv.Error) as error:
         if isinstance(error, BadInput):
             raise
         path = about if not isinstance(error, OSError) else Path(error.filename)
         raise BadInput(f"{path}: golden values by object are damaged; {remedy}") from error
-    return GoldenObjects(protocol, environment, _read_lines(csv.read_text(encoding="utf-8")))
+    return GoldenObjects(protocol, environment, lines)
 
 
 def _read_lines(table: str) -> pd.DataFrame:
+    """Return lines of golden values. Raises ValueError where they are not those of a whole run."""
     text = dict.fromkeys([*KEY, IMAGES], str)
     lines = pd.read_csv(io.StringIO(table), dtype=text, keep_default_na=False, na_values=[""])
-    return lines.fillna({IMAGES: ""})
+    metrics = [*lines.columns[len(KEY) : -1]]
+    # Of lines with more fields than names, pandas makes the first ones the index; fewer it fills.
+    fields = {len(row) for row in csv.reader(io.StringIO(table), strict=True) if row}
+    is_table = isinstance(lines.index, pd.RangeIndex) and len(fields) == 1
+    if not is_table or not metrics or [*lines.columns] != [*KEY, *metrics, IMAGES]:
+        raise ValueError("other columns")
+    lines = lines.astype(dict.fromkeys(metrics, float)).fillna({IMAGES: ""})
+    if lines[KEY].isna().any(axis=None) or np.isinf(lines[metrics]).any(axis=None):
+        raise ValueError("a line without a name, or with an infinite value")
+    _refuse_incomplete(lines)
+    return lines
+
+
+def _refuse_incomplete(lines: pd.DataFrame) -> None:
+    """Raise ValueError where a method has not one line for each condition and object.
+
+    A finished run has all of them. A method that sees no cloud has ANY as its only condition.
+    """
+    if (twice := lines.duplicated(KEY)).any():
+        raise ValueError(f"two lines of {' '.join(lines.loc[twice, KEY].iloc[0])}")
+    named = {*lines["condition"]} - {_ANY}
+    objects = len(lines[KEY[2:]].drop_duplicates())
+    for method, of_method in lines.groupby("method", sort=False):
+        conditions = {*of_method["condition"]}
+        if conditions not in ({_ANY}, named):
+            raise ValueError(f"{method} at the conditions {', '.join(sorted(conditions))}")
+        if len(of_method) != (whole := objects * len(conditions)):
+            raise ValueError(f"{len(of_method)} lines of {method}, a whole run has {whole}")
 
 
 def write_file(run: Run, protocol: Mapping[str, Any], path: Path) -> None:
@@ -216,19 +246,15 @@ def read_golden_file(path: Path) -> GoldenObjects:
     try:
         protocol, environment = dict(fields["protocol"]), dict(fields["environment"])
         refuse_other_version(path, protocol.get("protocol"), again)
+        if broken := [line for line in fields["lines"] if "\n" in line]:
+            raise ValueError(f"a line break in {broken[0].splitlines()[0]!r}")
         lines = _read_lines("\n".join(fields["lines"]))
-        metrics = [*lines.columns[len(KEY) : -1]]
-        # Of lines with more fields than names, pandas makes the first ones the index.
-        if [*lines.columns] != [*KEY, *metrics, IMAGES] or not isinstance(
-            lines.index, pd.RangeIndex
-        ):
-            raise ValueError("other columns")
-        lines[metrics] = lines[metrics].astype(float)
-    except (KeyError, TypeError, ValueError) as error:
+    except (KeyError, TypeError, ValueError, csv.Error) as error:
         if isinstance(error, BadInput):
             raise
         reason = str(error).splitlines()[0]
         raise BadInput(f"{path}: no golden values by object ({reason}); {again}") from None
+    metrics = lines.columns[len(KEY) : -1]
     if unknown := [name for name in metrics if name not in OBJECT_RENDERING]:
         raise BadInput(f"{path}: {unknown[0]} is no metric of images of this version; {again}")
     return GoldenObjects(protocol, environment, lines)
@@ -281,9 +307,9 @@ def write_objects(run: Run, protocol: Mapping[str, Any]) -> list[Path]:
 
     Raises BadInput where its images are gone.
     """
-    table, thumbnails = _object_lines(run)
-    csv, png, about = _paths(golden_name(run.manifest))
-    contents = {csv: table.encode(), png: to_png(thumbnails)}
+    lines, thumbnails = _object_lines(run)
+    table, png, about = _paths(golden_name(run.manifest))
+    contents = {table: lines.encode(), png: to_png(thumbnails)}
     fields = {
         "protocol": dict(protocol),
         "environment": environment_of(run.manifest),
@@ -322,6 +348,8 @@ class GoldenCell:
 
     compared  number of values
     problem   what is wrong, "" where all agree
+
+    The metric IMAGES is no value: it stands for the images of the objects whose values agree.
     """
 
     method: str
@@ -368,11 +396,12 @@ class Widths:
 
 def compare_objects(
     run: Run, golden: GoldenObjects, widths: Widths, *, means: bool
-) -> tuple[tuple[GoldenCell, ...], tuple[GoldenDeviation, ...], str]:
+) -> tuple[tuple[GoldenCell, ...], tuple[GoldenDeviation, ...], tuple[str, ...]]:
     """Compare the values of a run, or of a part of one, with the golden ones, and their `means`.
 
-    Returns each metric of a method at a condition, with a problem that names the largest moves;
-    every value that moved; and whether the golden values come from the same environment.
+    Returns each metric of a method at a condition, with a problem that names the largest moves, and
+    its images where they have to be equal, too; every value that moved; and remarks: whether the
+    golden values come from the same environment, and how many of them the run does not have.
     """
     expected = golden.part(run.manifest)
     metrics = [name for name in golden.lines.columns if name not in (*KEY, IMAGES)]
@@ -382,6 +411,7 @@ def compare_objects(
     stored = stored_artifacts(run.directory)
     cells: list[GoldenCell] = []
     moved: list[GoldenDeviation] = []
+    redrawn: list[str] = []
     for cell, wanted in expected.groupby(KEY[:2], sort=False):
         method, condition = map(str, cell)
         measured = actual.loc[wanted.index]
@@ -410,11 +440,35 @@ def compare_objects(
                 )
             cells.append(GoldenCell(method, condition, metric, len(wanted), problem))
             moved += beyond
+        if same or widths.strict:
+            alike = wanted.index.difference([deviation.item for deviation in moved], sort=False)
+            other = _other_images(stored, wanted[IMAGES][alike])
+            problem = (
+                f"{len(other)} of {len(wanted)} objects have other images than the golden ones, "
+                f"though their values agree: {_named(other)}"
+            )
+            if other and widths.by_metric:
+                redrawn.append(f"images of {method} at {condition}: {problem}")
+            problem = problem if other and not widths.by_metric else ""
+            cells.append(GoldenCell(method, condition, IMAGES, 0, problem))
     headline = [metric for metric in run.suite.headline if metric in metrics]
     wide = widths.in_words(list(dict.fromkeys(expected.reset_index()["method"])), headline)
     but = f"; but {', '.join(widths.by_metric)} as --tolerance says" * bool(widths.by_metric)
     remark = _remark(here, golden.environment, wide, widths.strict) + but
-    return tuple(cells), tuple(moved), remark
+    used, lines = expected["line"].nunique(), len(golden.lines)
+    fewer = f"{used} of {lines} lines of the golden values are compared: this run has no others"
+    return tuple(cells), tuple(moved), (*redrawn, *([fewer] if used < lines else []), remark)
+
+
+def _other_images(stored: Mapping[JobName, Artifact], checksums: pd.Series) -> list[JobName]:
+    """Return the jobs whose images have not these checksums, which the index names."""
+    named = ((JobName(*key), was) for key, was in checksums.items())
+    return [job for job, was in named if checksum(stored_images(stored, job)) != was]
+
+
+def _named(jobs: Sequence[JobName]) -> str:
+    """Return the objects of the first jobs."""
+    return "; ".join("/".join(job.object) for job in jobs[:_WORST]) + "; ..." * (len(jobs) > _WORST)
 
 
 def _worst(
@@ -448,7 +502,10 @@ def _remark(here: Mapping[str, str], golden: Mapping[str, str], wide: str, stric
             f"another environment than the golden values': {', '.join(other)}; wider tolerances: "
             f"{wide} (--strict: to the last digit)"
         )
-    return "same environment as the golden values: objects are compared to the last digit"
+    return (
+        "same environment as the golden values: means of objects are compared to the last digit, "
+        "images to the last bit"
+    )
 
 
 def number(value: float) -> str:

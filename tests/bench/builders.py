@@ -440,7 +440,7 @@ def write_run(directory: Path, **changes) -> Path:
         for method in manifest["methods"]:
             for condition in manifest["conditions"]:
                 ideal = method == "true-mesh"
-                seen = "" if method in FLOORS else condition
+                seen = "" if ideal or method in FLOORS else condition
                 seed = [*f"{method} {seen} {name}".encode()]
                 rng = np.random.default_rng(seed)
                 job = make_job(obj, method, condition)

@@ -10,9 +10,9 @@ from xml.etree import ElementTree
 import pandas as pd
 import pytest
 
-from bench.records.run_folder import read_manifest, write_manifest
+from bench.records.run_folder import open_store, read_manifest, write_manifest
 
-from ..builders import overwrite, write_run
+from ..builders import overwrite, rewrite, write_run
 
 OBJECTS = ["bench/a\u2028a", *(f"bench/{name}" for name in "bcdefghij")]
 NAMES = {"methods": ["splat", "surface-fit", "mine", "blank"], "conditions": ["2048"]}
@@ -82,7 +82,48 @@ def test_the_verdict_for_programs(run, tmp_path, command):
         if case.find("failure") is not None
     ]
     assert failed == [("splat", "lpips at 2048")]
-    assert told["compared"] == 10 * len(cases)
+    values = [case for case in cases if not case.get("name", "").startswith("images at ")]
+    assert told["compared"] == 10 * len(values)
+    assert len(cases) - len(values) == len(NAMES["methods"])
+
+
+def redraw(run, names):
+    """Invert the images of splat of some objects, whose scores stay."""
+    with open_store(run) as store:
+        keys = {row.name.object_id: row.key for row in store.listed() if row.name.method == "splat"}
+    for name in names:
+        rewrite(run, keys[name], lambda result, a: (result, a | {"images": 255 - a["images"]}))
+
+
+OTHER_IMAGES = "images of splat at 2048: {} of 10 objects have other images than the golden ones, "
+AGREE = "though their values agree: "
+
+
+def test_other_images_of_equal_values_are_a_regression(run, tmp_path, command):
+    """Two views may move by as much, up and down: the mean over the views is the same."""
+    check = ("check", run, "--golden", tmp_path / "golden.json")
+    path = run / "records.parquet"
+    frame = pd.read_parquet(path)
+    of_b = (frame["method"] == "splat") & (frame["object"] == "b")
+    frame.loc[of_b, "lpips"] += [0.5, -0.5]
+    overwrite(run, frame)
+    redraw(run, "b")
+    status, out, _ = command(*check)
+    assert status == 1
+    said = f"{OTHER_IMAGES.format(1)}{AGREE}bench/b\n"
+    assert f"REGRESSION {said}" in out
+    status, out, _ = command(*check, "--tolerance", "lpips=0.01")  # other images are allowed then
+    assert (status, f"\n{said}" in f"\n{out}") == (0, True)
+    redraw(run, "cdefg")
+    alter(run, 0.003)
+    _, out, _ = command(*check)
+    assert "REGRESSION images" not in out  # every object is named by its values
+    alter(run, -0.003)
+    write_manifest(run, read_manifest(run) | {"environment": {"gl": "another"}})
+    assert command(*check)[0] == 0
+    status, out, _ = command(*check, "--strict")
+    assert status == 1
+    assert f"{OTHER_IMAGES.format(6)}{AGREE}bench/b; bench/c; bench/d; ...\n" in out
 
 
 def test_elsewhere_tolerances_are_wider_and_named_unless_strict(run, tmp_path, command):
@@ -123,12 +164,14 @@ def test_what_only_one_side_has_is_named_and_left_out(run, tmp_path, command, re
     )
     status, out, _ = command("check", less, "--golden", golden)
     assert status == 0
-    assert out.splitlines()[:5] == [
+    assert out.splitlines()[:6] == [
         "without golden values, left out: methods other",
         "without golden values, left out: conditions 512",
         "golden values of what this run has not, left out: methods blank, mine, surface-fit",
         "golden values of what this run has not, left out: objects " + ", ".join(OBJECTS[4:]),
-        "same environment as the golden values: objects are compared to the last digit",
+        "4 of 40 lines of the golden values are compared: this run has no others",
+        "same environment as the golden values: means of objects are compared to the last digit, "
+        "images to the last bit",
     ]
     none = write_run(tmp_path / "none", objects=["bench/z"], dataset="folder:here", seed=5, **NAMES)
     assert refused("check", none, "--golden", golden).startswith(

@@ -30,6 +30,7 @@ OLDER, NEWER = PROTOCOL_VERSION - 1, PROTOCOL_VERSION + 1
 OTHER_VERSIONS = (*range(1, PROTOCOL_VERSION), NEWER)
 ROBUSTNESS = "run --suite chair-robustness"
 GOLDEN = ("method,condition,class,object,ssim,images", "splat,2048,chair,a,0.5,")
+REMAINING = ("splat,512,chair,a", "splat,2048,chair,b", "blank,any,chair,a", "blank,any,chair,b")
 
 
 def golden_text(lines=GOLDEN, version=PROTOCOL_VERSION, **fields):
@@ -64,6 +65,20 @@ FILES = {
     "empty-lines.json": golden_text([]),
     "longer-lines.json": golden_text([GOLDEN[0], GOLDEN[1] + ",5"]),
     "quote.json": golden_text(['"', *GOLDEN]),
+    "shorter-lines.json": golden_text([GOLDEN[0], GOLDEN[1].rpartition(",")[0]]),
+    "twice.json": golden_text([*GOLDEN, GOLDEN[1].replace("0.5", "0.4")]),
+    "any.json": golden_text([*GOLDEN, GOLDEN[1].replace("2048", "any")]),
+    "broken-line.json": golden_text([GOLDEN[0], GOLDEN[1].replace("splat", "sp\nlat")]),
+    "two-in-one.json": golden_text([GOLDEN[0], f"{GOLDEN[1]}\n{GOLDEN[1].replace('a', 'b')}"]),
+    "return.json": golden_text([GOLDEN[0], GOLDEN[1].replace("splat", "sp\rlat")]),
+    "nameless.json": golden_text([GOLDEN[0], GOLDEN[1].replace(",a,", ",,")]),
+    "infinite.json": golden_text([GOLDEN[0], GOLDEN[1].replace("0.5", "inf")]),
+    "no-metric.json": golden_text(
+        [line.replace(",ssim", "").replace(",0.5", "") for line in GOLDEN]
+    ),
+    "a-line-less.json": golden_text(
+        [*GOLDEN, *(GOLDEN[1].replace("splat,2048,chair,a", cell) for cell in REMAINING)]
+    ),
     "beauty.json": golden_text([line.replace("ssim", "beauty") for line in GOLDEN]),
     "no-protocol.json": golden_text(protocol=None),
     "empty-protocol.json": golden_text(protocol={}),
@@ -344,17 +359,30 @@ CASES |= {
         f"check DIR --bless {name}.json'"
         for name, problem in {
             "columns": "no golden values by object (other columns)",
-            "words": "no golden values by object (could not convert string to float: 'half')",
-            "no-lines": "no golden values by object (can only join an iterable)",
+            "words": "no golden values by object (could not convert string to float: 'half': Error "
+            "while type casting for column 'ssim')",
+            "no-lines": "no golden values by object ('NoneType' object is not iterable)",
             "empty-lines": "no golden values by object (No columns to parse from file)",
             "longer-lines": "no golden values by object (other columns)",
             "quote": "no golden values by object (Error tokenizing data. C error: EOF inside "
             "string starting at row 0)",
+            "shorter-lines": "no golden values by object (other columns)",
+            "twice": "no golden values by object (two lines of splat 2048 chair a)",
+            "any": "no golden values by object (splat at the conditions 2048, any)",
+            "broken-line": "no golden values by object (a line break in 'sp')",
+            "two-in-one": "no golden values by object (a line break in 'splat,2048,chair,a,0.5,')",
+            "nameless": "no golden values by object (a line without a name, or with an infinite "
+            "value)",
+            "infinite": "no golden values by object (a line without a name, or with an infinite "
+            "value)",
+            "no-metric": "no golden values by object (other columns)",
+            "a-line-less": "no golden values by object (3 lines of splat, a whole run has 4)",
             "beauty": "beauty is no metric of images of this version",
             "no-protocol": "no golden values by object ('NoneType' object is not iterable)",
             "no-environment": "no golden values by object ('NoneType' object is not iterable)",
         }.items()
     },
+    "check run --golden return.json": "return.json: no golden values by object (new-line character",
     "check run --golden empty-protocol.json": "empty-protocol.json: of protocol None, this version",
     "check run --golden cloud.xyz --format junit": f"cloud.xyz: {NO_GOLDEN}",
     "check run --bless meshes": "meshes: a folder; give the name of a file, such as golden.json",
