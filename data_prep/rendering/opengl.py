@@ -20,6 +20,7 @@ import types
 from collections.abc import Iterator, Sequence
 from contextlib import contextmanager
 from dataclasses import dataclass, field
+from hashlib import sha256
 from pathlib import Path
 from typing import Any, NamedTuple
 
@@ -28,13 +29,15 @@ from numpy.typing import NDArray
 
 from data_prep.failures import MissingDependency
 from data_prep.rendering.camera import CAMERA_DISTANCE, FIELD_OF_VIEW_RAD, camera_to_world
-from data_prep.scene import IMAGE_SIZE, Mesh, View
+from data_prep.scene import IMAGE_SIZE, NEUTRAL_GREY, Mesh, View
 
 VERSION = 1  # raise when a change here changes a pixel: finished work is then done again
-_SHADERS = Path(__file__).parent  # mesh.vert and mesh.frag
+_SHADERS = Path(__file__).parent
+_SHADER_FILES = ("mesh.vert", "mesh.frag")
 SAMPLES = 4  # a pixel
 # Reconstructions may leave the unit sphere; parts outside this range are cut off.
 NEAR, FAR = 0.05 * CAMERA_DISTANCE, 2.5 * CAMERA_DISTANCE
+BACKGROUND = (1.0, 1.0, 1.0)  # red, green and blue of what nothing covers: white
 SHEET_VIEWS = 32  # one above the other, at most
 SHEET_PX = 16_384  # high: what any OpenGL 4.1 can do
 POSITION, COLOUR = 0, 1  # attributes of a vertex, three float32 each
@@ -91,6 +94,31 @@ def render(mesh: Mesh, views: Sequence[View], size: int = IMAGE_SIZE) -> NDArray
             context.draw(matrices[start:stop], mesh.faces.size, buffers)
             images[start:stop] = context.read(len(images[start:stop]), buffers)
     return images
+
+
+def scene_values() -> dict[str, str]:
+    """Return all that decides what a true image shows of a mesh beside the mesh, the view and GL.
+
+    These are the constants of the camera, of this module and of uncoloured meshes, and the shaders,
+    which are the light, without their comments. They are a part of the identity of true images, so
+    that a change of one draws them anew without a version that somebody has to raise.
+    """
+    lines = [
+        line.partition("//")[0].strip()
+        for name in _SHADER_FILES
+        for line in (_SHADERS / name).read_text(encoding="utf-8").splitlines()
+    ]
+    return {
+        "field_of_view_deg": f"{math.degrees(FIELD_OF_VIEW_RAD):.6f}",  # on any processor
+        "camera_distance": str(CAMERA_DISTANCE),
+        "image_size": str(IMAGE_SIZE),
+        "samples": str(SAMPLES),
+        "near": f"{NEAR:.6f}",
+        "far": f"{FAR:.6f}",
+        "background": " ".join(map(str, BACKGROUND)),
+        "neutral_grey": " ".join(map(str, NEUTRAL_GREY)),
+        "shaders": sha256("\n".join(filter(None, lines)).encode()).hexdigest(),
+    }
 
 
 def gl_renderer() -> str:
@@ -252,7 +280,7 @@ def _delete_context() -> None:
 def _set_up(gl: Any, egl: Any, shaders: Any, platform: Any) -> _Context:
     """Set the state of the context that is the same for any mesh, view and size."""
     gl.glEnable(gl.GL_DEPTH_TEST)
-    gl.glClearColor(1.0, 1.0, 1.0, 1.0)
+    gl.glClearColor(*BACKGROUND, 1.0)
 
     gl.glBindVertexArray(gl.glGenVertexArrays(1))
     gl.glBindBuffer(gl.GL_ELEMENT_ARRAY_BUFFER, gl.glGenBuffers(1))
@@ -262,9 +290,10 @@ def _set_up(gl: Any, egl: Any, shaders: Any, platform: Any) -> _Context:
         gl.glVertexAttribPointer(attribute, 3, gl.GL_FLOAT, gl.GL_FALSE, 24, start)
         gl.glEnableVertexAttribArray(attribute)
 
+    vertex, fragment = ((_SHADERS / name).read_text() for name in _SHADER_FILES)
     program = shaders.compileProgram(
-        shaders.compileShader((_SHADERS / "mesh.vert").read_text(), gl.GL_VERTEX_SHADER),
-        shaders.compileShader((_SHADERS / "mesh.frag").read_text(), gl.GL_FRAGMENT_SHADER),
+        shaders.compileShader(vertex, gl.GL_VERTEX_SHADER),
+        shaders.compileShader(fragment, gl.GL_FRAGMENT_SHADER),
     )
     gl.glUseProgram(program)
     projection = gl.glGetUniformLocation(program, "camera_to_clip")

@@ -29,7 +29,7 @@ def process(stdout, code=0):
 
 def test_the_last_line_is_the_answer():
     run, calls = process('a driver says hello\n{"gl": "llvmpipe"}\n')
-    assert environment(run) == {"gl": "llvmpipe"}
+    assert environment(run) == {"gl": "llvmpipe"} | render.scene_values()
     ((command, options),) = calls
     assert command == [sys.executable, "-P", "-m", "bench.running.environment"]
     assert WORKER_ENVIRONMENT.items() <= options["env"].items()

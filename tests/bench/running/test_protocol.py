@@ -21,6 +21,7 @@ from bench.running.work import cloud_of, run_job
 from data_prep.clouds.conditions import CONDITIONS, GaussianNoise
 from data_prep.datasets.registry import PaperObject, ProceduralObject
 from data_prep.failures import BadInput
+from data_prep.rendering.opengl import scene_values
 from data_prep.scene import View
 
 from ..builders import make_protocol
@@ -140,6 +141,13 @@ def test_only_what_a_change_concerns_is_done_again(change, concerned):
     before = keys()
     expected = {cell for cell in before if concerned(*cell)}
     assert changed(before, keys(**change)) == expected
+
+
+@pytest.mark.parametrize("name", scene_values())
+def test_another_value_of_the_scene_concerns_all_jobs(name):
+    here = {"gl": "llvmpipe", "numpy": "2", **scene_values()}
+    before = keys(environment=here)
+    assert changed(before, keys(environment=here | {name: "another"})) == {*before}
 
 
 @pytest.mark.parametrize("change", [{"version": 2}, {"identity": lambda: "99"}])

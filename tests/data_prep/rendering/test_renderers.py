@@ -17,9 +17,9 @@ from data_prep.datasets.registry import ProceduralObject
 from data_prep.failures import MissingDependency
 from data_prep.rendering import mesh as by_size
 from data_prep.rendering import raycast
-from data_prep.rendering.camera import FOCAL_PX, project
+from data_prep.rendering.camera import FIELD_OF_VIEW_RAD, FOCAL_PX, project
 from data_prep.rendering.mesh import draw_mesh
-from data_prep.rendering.opengl import FAR, NEAR, SHEET_VIEWS, gl_renderer, render
+from data_prep.rendering.opengl import FAR, NEAR, SHEET_VIEWS, gl_renderer, render, scene_values
 from data_prep.rendering.raycast import cast, surface_maps
 from data_prep.scene import Mesh, View
 from data_prep.shapes.chair.chairs import chair
@@ -374,3 +374,14 @@ def test_maps_agree_with_images_and_with_a_balls_circle() -> None:
     assert surface_maps(empty, []).shape == (0, 5, 128, 128)
     with pytest.raises(ValueError, match="non-finite vertices"):
         surface_maps(colored([[0, 0, np.nan], [1, 0, 0], [0, 1, 0]], [[0, 1, 2]]), VIEWS)
+
+
+def test_the_values_of_the_scene_are_those_that_images_are_drawn_with():
+    values = scene_values()
+    field_of_view_deg = float(values["field_of_view_deg"])
+    assert math.isclose(field_of_view_deg, math.degrees(FIELD_OF_VIEW_RAD), abs_tol=1e-6)
+    named = ("camera_distance", "image_size", "samples", "background", "neutral_grey")
+    expected = ["4.0", "128", "4", "1.0 1.0 1.0", "180 180 180"]
+    assert [values[name] for name in named] == expected
+    assert (float(values["near"]), float(values["far"])) == (NEAR, FAR)
+    assert len(values["shaders"]) == 64
