@@ -18,14 +18,20 @@ import numpy as np
 
 from bench.catalogue.metrics import column
 from bench.catalogue.suites import PROCEDURES
-from bench.checking.objects import environment_of
 from bench.checking.tolerances import OBJECT_RENDERING, object_tolerance
 from bench.metrics.inception_weights import DOWNLOAD
 from bench.records.job import IMAGES, Job, failed, unpack
 from bench.records.record import GROUND_TRUTH
 from bench.records.run_folder import read_finished
 from bench.records.store import Store, open_store
-from bench.running.environment import cores, environment, machine_info
+from bench.running.environment import (
+    cores,
+    environment,
+    environment_of,
+    is_same,
+    machine_info,
+    told_mixture,
+)
 from bench.running.isolation import Executor
 from bench.running.plan import ObjectJobs, Plan, plan
 from bench.running.protocol import Protocol, extractors_of
@@ -129,7 +135,9 @@ def _name_changes(manifest: Mapping[str, Any], protocol: Protocol) -> bool:
     if here != of_run:
         others = "; ".join(f"{n} {here[n]} ({of_run[n]})" for n in here if here[n] != of_run[n])
         log(f"another environment than that of the run, wider tolerances: {others}")
-    return here == of_run
+    if mixture := told_mixture(manifest):
+        log(mixture)
+    return is_same(here, of_run)
 
 
 def draw_jobs(planned: Plan, share: float, seed: int) -> list[tuple[ObjectJobs, list[Job]]]:

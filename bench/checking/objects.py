@@ -36,6 +36,7 @@ from bench.catalogue.methods import known_method
 from bench.checking.tolerances import OBJECT_RENDERING, PRINTED, mean_tolerance, object_tolerance
 from bench.records.frames import Artifact, stored_artifacts
 from bench.records.job import JobName
+from bench.running.environment import environment_of, is_same, told_mixture
 from bench.tables.published import golden_name, golden_path
 from data_prep.datasets.protocol_version import refuse_other_version
 from data_prep.failures import BadInput
@@ -53,26 +54,6 @@ _NO_IMAGE = np.full((SIDE, SIDE, 3), 255, np.uint8)
 _COLOURS = 256  # of the whole sheet: a third of the bytes that all colours take
 _FORMAT = "golden values of pc2pix-bench, 1"
 _MOST_BYTES = 2**28
-_LIBRARIES = ("torch", "pymeshlab", "pyrender", "PyOpenGL", "trimesh", "numpy", "scipy")
-
-
-def environment_of(manifest: Mapping[str, Any]) -> dict[str, str]:
-    """Return everything that images depend on beside the project's own code and weights.
-
-    Where two runs have the same, their values are the same to the last digit.
-    """
-    parts = manifest.get("merged") or [manifest]
-    machines = [part.get("machine") or {} for part in parts]
-    processors = (f"{m.get('cpu')}, {m.get('instructions', 'unknown')}" for m in machines)
-    versions = manifest.get("versions", {})
-    return {
-        "gl": str(manifest.get("environment", {}).get("gl")),
-        "cpu": " | ".join(dict.fromkeys(processors)),
-        # The processors of a cluster's nodes are not in the manifest.
-        "cluster": "yes" if manifest.get("cluster") else "no",
-        "device": str(manifest["device"]),
-        **{name: str(versions.get(name)) for name in _LIBRARIES},
-    }
 
 
 def _object_values(run: Run) -> pd.DataFrame:
@@ -407,7 +388,7 @@ def compare_objects(
     metrics = [name for name in golden.lines.columns if name not in (*KEY, IMAGES)]
     actual = _object_values(run).reindex(index=expected.index, columns=metrics)
     here = environment_of(run.manifest)
-    same = here == golden.environment
+    same = is_same(here, golden.environment)
     stored = stored_artifacts(run.directory)
     cells: list[GoldenCell] = []
     moved: list[GoldenDeviation] = []
@@ -455,6 +436,8 @@ def compare_objects(
     wide = widths.in_words(list(dict.fromkeys(expected.reset_index()["method"])), headline)
     but = f"; but {', '.join(widths.by_metric)} as --tolerance says" * bool(widths.by_metric)
     remark = _remark(here, golden.environment, wide, widths.strict) + but
+    if mixture := told_mixture(run.manifest):
+        remark = f"{remark}; {mixture}"
     used, lines = expected["line"].nunique(), len(golden.lines)
     fewer = f"{used} of {lines} lines of the golden values are compared: this run has no others"
     return tuple(cells), tuple(moved), (*redrawn, *([fewer] if used < lines else []), remark)

@@ -125,6 +125,7 @@ class Result:
     # Seconds of a worker for methods (loading, preparing, drawing), metrics and the rendering of
     # the ground truth; empty for a job of an earlier start, and for one whose worker died.
     timing: Mapping[str, float] = field(default_factory=dict)
+    environment: str = ""  # that it was made in, once it is stored, as JSON
 
     @property
     def has_images(self) -> bool:

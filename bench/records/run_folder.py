@@ -47,6 +47,7 @@ _SCHEMA: Mapping[str, Any] = {
     **{name: {str: (int, float)} for name in ("stage_seconds", "worker_shares")},
     **dict.fromkeys(("shard", "finished"), (None, str)),
     "identities": {str: [int, str, str]},
+    "environments": [{"jobs": int, str: str}],
     "entered": {str: {"tree": str, "name": str}},
     "objects": [_OBJECT],
     "threads": [int],

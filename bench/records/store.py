@@ -1,7 +1,8 @@
 """The store of a run: one SQLite file with its jobs, their scores, their images and features.
 
     job     a row for each finished job, by its key: why it gave no images, its notes and times, the
-            directions and scores of its views, and the checksums of its images and features
+            directions and scores of its views, the checksums of its images and features, and the
+            environment that it was made in, as JSON
     blob    the images and the features of each extractor, apart: scores are read without images
     listed  the jobs of the last complete run, in the order of its plan
     metric  the metrics of `bench score`; what they gave for each job is in score
@@ -35,7 +36,7 @@ from data_prep.files.safe_read import is_regular_file
 
 STORE = "run.sqlite"
 _APPLICATION_ID = 0x70633270  # "pc2p", in the header of the file
-_STORE_VERSION = 2
+_STORE_VERSION = 3
 PATIENCE_S = 10.0  # for a reader in another process to let go
 _MOST_NUMBER = 1e300  # greater ones overflow in sums
 MOST_VIEWS = 2**16
@@ -48,6 +49,7 @@ CREATE TABLE IF NOT EXISTS job (
     prepare_s REAL, draw_s REAL,
     views BLOB NOT NULL,
     blobs TEXT NOT NULL,
+    environment TEXT NOT NULL,
     sha256 TEXT NOT NULL
 );
 CREATE TABLE IF NOT EXISTS blob (
@@ -73,7 +75,7 @@ CREATE TABLE IF NOT EXISTS score (
 ) WITHOUT ROWID;
 """
 TABLES = _SCHEMA.count("CREATE TABLE")
-_JOB = "job.key, suite, reason, notes, prepare_s, draw_s, views, blobs, sha256"
+_JOB = "job.key, suite, reason, notes, prepare_s, draw_s, views, blobs, environment, sha256"
 _NAME = ", ".join(JOB)
 _IS_CELL = "method = ? AND condition = ? AND class = ?"
 _ARRAYS = "JOIN job USING (key) JOIN blob ON blob.job = job.id AND blob.name = ?"
@@ -117,6 +119,7 @@ class Store:
         self.path = path
         self._connection = connection
         self.appended = 0  # jobs, by this process
+        self.environment: Mapping[str, str] = {}  # that the jobs appended are made in
 
     @property
     def is_empty(self) -> bool:
@@ -124,13 +127,13 @@ class Store:
         return not self._rows("SELECT 1 FROM job LIMIT 1")
 
     def find(self, keys: Collection[str]) -> dict[str, Result]:
-        """Return the results of the jobs that are finished: key, suite and reason alone."""
+        """Return the results of the finished jobs: key, suite, reason and environment alone."""
         rows = self._rows(
-            f"SELECT key, suite, substr(reason, 1, {MOST_TEXT}) FROM job "
+            f"SELECT key, suite, substr(reason, 1, {MOST_TEXT}), environment FROM job "
             "WHERE key IN (SELECT value FROM json_each(?))",
             json.dumps([*keys]),
         )
-        return {row[0]: Result(*row) for row in rows}
+        return {row[0]: Result(*row[:3], environment=str(row[3])) for row in rows}
 
     def result(self, key: str) -> Result:
         """Return a job's result with its views, without arrays. Raises KeyError and DamagedJob."""
@@ -143,10 +146,10 @@ class Store:
 
     def _result(self, row: tuple[Any, ...]) -> Result:
         """Return the result in a row, which may come from anywhere. Raises DamagedJob."""
-        key, suite, reason, notes, prepare_s, draw_s, views, _, checksum = row
+        key, suite, reason, notes, prepare_s, draw_s, views, _, environment, checksum = row
         size = 8 * len(OF_VIEWS)
         if not (
-            all(isinstance(text, str) for text in (key, suite, reason, notes))
+            all(isinstance(text, str) for text in (key, suite, reason, notes, environment))
             and all(t is None or (type(t) is float and abs(t) < _MOST_NUMBER) for t in row[4:6])
             and isinstance(views, bytes)
             and len(views) % size == 0
@@ -155,7 +158,9 @@ class Store:
             and checksum == row_checksum(row[:-1])
         ):
             raise DamagedJob(self.path, str(key), "records")
-        return Result(key, suite, reason[:MOST_TEXT], notes[:MOST_TEXT], prepare_s, draw_s, views)
+        reason, notes = reason[:MOST_TEXT], notes[:MOST_TEXT]
+        times = prepare_s, draw_s
+        return Result(key, suite, reason, notes, *times, views, environment=environment)
 
     def array(self, key: str, name: str = IMAGES) -> bytes:
         """Return the packed images of a job, or its features by an extractor.
@@ -196,6 +201,7 @@ class Store:
             *map(_stored_time, (result.prepare_s, result.draw_s)),
             result.views,
             json.dumps({name: sha256(data).hexdigest() for name, data in result.arrays.items()}),
+            packed_environment(self.environment),
         )
         self._put((*row, row_checksum(row)), result.arrays)
 
@@ -278,6 +284,17 @@ class Store:
         rest = f"LEFT JOIN job USING (key) {where} ORDER BY place"
         rows = self._listed("reason = ''", rest, *obj)
         return (JobRow(key, name, bool(drawn)) for key, name, (drawn,) in rows)
+
+    def environments(self) -> list[tuple[dict[str, str], int]]:
+        """Return the environments of the complete run's jobs, each with its number of jobs.
+
+        That of the most jobs comes first.
+        """
+        rows = self._rows(
+            "SELECT environment, COUNT(*) FROM job WHERE key IN (SELECT key FROM listed) "
+            "GROUP BY environment ORDER BY COUNT(*) DESC, environment"
+        )
+        return [(unpacked_environment(text), count) for text, count in rows]
 
     def results(self, **only: str) -> Iterator[tuple[JobName, Result]]:
         """Yield the complete run's jobs with their views, sorted by name, but for ground truths.
@@ -386,9 +403,23 @@ def _stored_time(seconds: float | None) -> float | None:  # an author may claim 
     return None if seconds is None or not abs(seconds) < _MOST_NUMBER else float(seconds)
 
 
+def packed_environment(environment: Mapping[str, str]) -> str:
+    """Return an environment as the store has it."""
+    return json.dumps(environment, sort_keys=True)
+
+
+def unpacked_environment(text: str) -> dict[str, str]:
+    """Return an environment of the store; {} for a text that is none, which checksums refuse."""
+    with suppress(ValueError, RecursionError):
+        facts = json.loads(text)
+        if isinstance(facts, dict):
+            return {str(name): str(value) for name, value in facts.items()}
+    return {}
+
+
 def row_checksum(row: tuple[Any, ...]) -> str:
     """Return the checksum of the columns of a job that stand before it."""
-    digest = sha256(repr((*row[:6], row[7])).encode("utf-8", "replace"))
+    digest = sha256(repr((*row[:6], *row[7:])).encode("utf-8", "replace"))
     digest.update(row[6])
     return digest.hexdigest()
 
@@ -493,7 +524,7 @@ def _is_store(path: Path, connection: sqlite3.Connection) -> bool:
             )
         if tables and version < _STORE_VERSION:
             raise BadInput(
-                f"{path}: a store of version 1.0.0 or earlier, which this one does not read; "
+                f"{path}: a store of version 2.0.0 or earlier, which this one does not read; "
                 "start the run again with another --out or --fresh"
             )
     except BaseException:

@@ -11,7 +11,7 @@ import os
 import platform
 import subprocess
 import sys
-from collections.abc import Callable, Iterable
+from collections.abc import Callable, Iterable, Mapping
 from datetime import UTC, datetime
 from hashlib import sha256
 from importlib.metadata import PackageNotFoundError, version
@@ -29,6 +29,10 @@ PACKAGES = (
     *("pc2pix-bench", "torch", "pymeshlab", "pyrender", "PyOpenGL", "embreex", "trimesh"),
     *("numpy", "scipy", "pandas", "pyarrow"),
 )
+# By which values may differ in their last digits.
+_LIBRARIES = ("torch", "pymeshlab", "pyrender", "PyOpenGL", "trimesh", "numpy", "scipy")
+ENVIRONMENTS = "environments"  # in a manifest: those of its jobs
+MIXED = " | "  # between the values of several
 _TIMEOUT_S = 120
 _VECTOR = ("sse4", "avx", "fma", "amx", "asimd", "sve")  # begin the names of such instructions
 
@@ -56,6 +60,56 @@ def machine_info() -> dict[str, Any]:
         },
         "git": _git(),
     }
+
+
+def started_environment(manifest: Mapping[str, Any]) -> dict[str, str]:
+    """Return everything that images depend on beside the project's own code and weights.
+
+    It is that of the start of a run. Where two jobs have the same, their values are the same to the
+    last digit.
+    """
+    machine, made_with = manifest.get("machine") or {}, manifest.get("versions", {})
+    return {
+        "gl": str(manifest.get("environment", {}).get("gl")),
+        "cpu": f"{machine.get('cpu')}, {machine.get('instructions', 'unknown')}",
+        # The processors of a cluster's nodes are not in the manifest.
+        "cluster": "yes" if manifest.get("cluster") else "no",
+        "device": str(manifest["device"]),
+        **{name: str(made_with.get(name)) for name in _LIBRARIES},
+    }
+
+
+def environments_entry(environments: Iterable[tuple[Mapping[str, str], int]]) -> list[Any]:
+    """Return environments with their numbers of jobs as the manifest of a run has them."""
+    return [{"jobs": jobs, **environment} for environment, jobs in environments]
+
+
+def environment_of(manifest: Mapping[str, Any]) -> dict[str, str]:
+    """Return what all jobs of a run were made with, values that differ with MIXED between them."""
+    every = manifest.get(ENVIRONMENTS) or [started_environment(manifest)]
+    names = dict.fromkeys(name for facts in every for name in facts if name != "jobs")
+    return {name: MIXED.join(dict.fromkeys(str(e.get(name)) for e in every)) for name in names}
+
+
+def is_same(here: Mapping[str, str], other: Mapping[str, str]) -> bool:
+    """Return whether two runs have one environment, each of them and both together."""
+    return here == other and not any(MIXED in value for value in here.values())
+
+
+def environment_changes(was: Mapping[str, str], here: Mapping[str, str]) -> str:
+    """Return what differs between two environments in words; "" where nothing does."""
+    names = [name for name in dict.fromkeys((*was, *here)) if was.get(name) != here.get(name)]
+    return ", ".join(f"{name} {was.get(name)} -> {here.get(name)}" for name in names)
+
+
+def told_mixture(manifest: Mapping[str, Any]) -> str:
+    """Return how many jobs of a run were made with what; "" where all were made with the same."""
+    every = manifest.get(ENVIRONMENTS, ())
+    if len(every) < 2:
+        return ""
+    names = [name for name, value in environment_of(manifest).items() if MIXED in value]
+    parts = [f"{e['jobs']} with {', '.join(f'{n} {e.get(n)}' for n in names)}" for e in every]
+    return f"its jobs were made in {len(every)} environments: {'; '.join(parts)}"
 
 
 def _first_processor() -> dict[str, str]:
@@ -110,12 +164,12 @@ def _git() -> dict[str, Any]:
 def environment(
     execute: Callable[..., subprocess.CompletedProcess[str]] = subprocess.run,
 ) -> dict[str, str]:
-    """Return the libraries and the driver that images depend on beside this project's code.
+    """Return the libraries and the driver that images depend on, and the constants of the scene.
 
     `execute` stands in for `subprocess.run`. Raises MissingDependency where nothing can be
     rendered on this machine, with the Debian packages to install.
     """
-    from data_prep.rendering.opengl import REMEDY
+    from data_prep.rendering.opengl import REMEDY, scene_values
 
     try:
         done = execute(
@@ -137,7 +191,7 @@ def environment(
         ) from error
     if "error" in answer:
         raise MissingDependency(answer["error"])
-    return answer
+    return answer | scene_values()
 
 
 def main(find_renderer: Callable[[], str] | None = None) -> None:

@@ -17,6 +17,7 @@ from typing import Any, Generic, NamedTuple
 from bench.records.job import tenths
 from bench.records.run_folder import CONDITION_IDENTITIES, FIXED, TRUTH, entry, read_finished
 from bench.records.store import JobRow, Store, open_store
+from bench.running.environment import ENVIRONMENTS, environments_entry
 from bench.running.options import Element, read_shard
 from bench.running.protocol import WHOLE
 from bench.running.run import Outputs, Publish, open_run, write_export
@@ -51,6 +52,7 @@ def merge(directories: Sequence[Path], out: Path, publish: Publish[Outputs]) -> 
     manifest = _describe([manifest for _, manifest in parts])
     with open_run(out, manifest) as store:
         jobs = _collect(parts, manifest["objects"], store)
+        manifest[ENVIRONMENTS] = environments_entry(store.environments())
         seconds: dict[str, float] = {}
         write_export(out, store, seconds)
         outputs = publish(out, seconds)

@@ -11,7 +11,7 @@ import json
 import math
 import re
 import time
-from collections import defaultdict, deque
+from collections import Counter, defaultdict, deque
 from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
 from dataclasses import dataclass, field, replace
 from itertools import islice, product, starmap, zip_longest
@@ -351,10 +351,12 @@ class Schedule:
         self.undrawn = ""  # why the first ground truth that failed could not be drawn
         self.working: set[str] = set()  # the methods with an image, and GROUND_TRUTH
         self.timing = defaultdict[str, float](float)  # seconds of the jobs of this start
+        self.environments = Counter[str]()  # that jobs from before were made in, as in the store
         # Jobs of the run, and jobs to be done, if there were no budget.
         self.total = self.left = len(planned) * planned.jobs_per_object
         for obj in () if store.is_empty else map(planned.jobs_of, order):
             results = settled(obj, store)
+            self.environments.update(r.environment for r in results.values() if r.environment)
             self._note(obj, results)
             if len(results) == len(obj.jobs):
                 self.complete[obj.name] = results[obj.truth.key].has_images

@@ -28,8 +28,14 @@ from bench.records.run_folder import (
     set_aside,
     write_manifest,
 )
-from bench.records.store import STORE, DamagedJob, Store
-from bench.running.environment import now
+from bench.records.store import STORE, DamagedJob, Store, unpacked_environment
+from bench.running.environment import (
+    ENVIRONMENTS,
+    environment_changes,
+    environments_entry,
+    now,
+    started_environment,
+)
 from bench.running.isolation import QUEUED, Executor
 from bench.running.options import LOCAL, Options, workers_of
 from bench.running.plan import (
@@ -138,10 +144,12 @@ def run(
         with _open_checked(directory, check, options.fresh) as store:
             if not protocol.shown:
                 write_manifest(directory, manifest)
+            store.environment = started_environment(manifest)
             order = seeded_turns(planned.names, protocol.seed)
             ahead = math.ceil(QUEUED * max(1, workers) / planned.jobs_per_object)
             schedule = Schedule(planned, store, budget, order, ahead)
             reused, seconds = schedule.total - schedule.left, dict[str, float]()
+            _tell_environments(directory, schedule, store.environment)
 
             def snapshot() -> PartialRun:
                 objects = [name for name in planned.names if name in schedule.complete]
@@ -157,6 +165,7 @@ def run(
                 write_manifest(directory, manifest)  # the tables are of these objects
                 objects = map(planned.jobs_of, manifest["objects"])
                 store.list_jobs((job.key, job.name) for obj in objects for job in obj.listed)
+                manifest[ENVIRONMENTS] = environments_entry(store.environments())
                 write_export(directory, store, seconds)
                 outputs = publish(directory, seconds)
             of_workers = shares(schedule.timing, workers * (time.perf_counter() - begun))
@@ -177,6 +186,16 @@ def run(
         seconds=seconds,
         shares=of_workers,
     )
+
+
+def _tell_environments(directory: Path, schedule: Schedule, here: Mapping[str, str]) -> None:
+    """Say on stderr how many jobs were made with other libraries, drivers or processors."""
+    for text, jobs in schedule.environments.items():
+        if changes := environment_changes(unpacked_environment(text), here):
+            log(
+                f"{directory}: goes on in another environment: {changes}; {jobs} jobs are from "
+                "before, and 'bench check' takes the wider tolerances; --fresh starts over"
+            )
 
 
 @contextmanager
@@ -291,6 +310,7 @@ def open_run(directory: Path, manifest: dict[str, Any], fresh: bool = False) -> 
 
     with _open_checked(directory, check, fresh) as store:
         write_manifest(directory, manifest)
+        store.environment = started_environment(manifest)
         yield store
         write_manifest(directory, manifest | {"finished": now()})
 

@@ -13,10 +13,12 @@ from bench.catalogue.suites import Procedure
 from bench.records.run_folder import MANIFEST, read_manifest
 from bench.records.store import Store
 from bench.report.figure import FIGURES, save
+from bench.running.environment import environment_changes, environment_of
 from bench.running.options import Options, refuse, refuse_values
 from bench.running.protocol import joined, manifest_of, methods_there, tell_kept
 from bench.running.run import open_run
 from bench.tables.table import Table, write_tables
+from data_prep.progress import log
 
 if TYPE_CHECKING:
     from matplotlib.figure import Figure
@@ -58,6 +60,10 @@ def run_suite(
     Raises BadInput where the folder holds another run.
     """
     start, directory = time.perf_counter(), options.directory
+    if not options.fresh and (directory / MANIFEST).is_file():
+        was, here = environment_of(read_manifest(directory)), environment_of(manifest)
+        if changes := environment_changes(was, here):
+            log(f"{directory}: goes on in another environment: {changes}; --fresh starts over")
     with open_run(directory, manifest, options.fresh) as store:
         done = procedure(store)
         write_tables(directory, done.tables)

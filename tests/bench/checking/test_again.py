@@ -161,6 +161,18 @@ def test_in_another_environment_means_may_differ_within_tolerances(copied, again
     assert again(copied, gl="another").differing == (line,)
 
 
+def test_a_run_of_several_environments_is_compared_by_the_wider_tolerance(copied, again, capsys):
+    rewrite(copied, key_of(copied, SPLAT), other_scores(0.002))
+    (here,) = read_manifest(copied)["environments"]
+    assert here["jobs"] == 3 * (1 + 2 * 2 + 2)
+    assert again(copied).same_environment
+    alter_manifest(copied, environments=[here, here | {"jobs": 1, "scipy": "0.1"}])
+    result = again(copied)
+    assert (result.differing, result.same_environment) == ((), False)
+    told = f"its jobs were made in 2 environments: 21 with scipy {here['scipy']}; 1 with scipy 0.1"
+    assert told in capsys.readouterr().err
+
+
 def test_other_weights_are_named(copied, again, capsys):
     manifest = read_manifest(copied)
     identity = manifest["feature_identity"] | {"judge": "another"}

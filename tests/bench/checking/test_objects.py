@@ -21,7 +21,6 @@ from bench.checking.objects import (
     ACROSS,
     SIDE,
     Widths,
-    environment_of,
     golden_thumbnails,
     read_objects,
     read_png,
@@ -32,6 +31,7 @@ from bench.checking.tolerances import PRINTED, object_tolerance
 from bench.records.frames import read_jobs, stored_artifacts
 from bench.records.run_folder import open_store, read_manifest, write_manifest
 from bench.rendering.finish import LABEL_HEIGHT, MARGIN, PROBLEM_GROUND
+from bench.running.environment import environment_of, is_same, told_mixture
 from bench.tables.build import write_outputs
 from bench.tables.published import golden, golden_name
 from data_prep.datasets.protocol_version import PROTOCOL_VERSION
@@ -179,6 +179,22 @@ def test_another_environment_widens_the_tolerance(part):
     assert "chair/c" in line
 
 
+def test_a_run_of_several_environments_is_compared_by_the_wider_tolerance(part):
+    """Also where its last jobs, of which the manifest tells first, have that of the golden ones."""
+    here = environment_of(read_manifest(part))
+    alter(part, {"c": -0.001})
+    assert len(check(part).regressions) == 1
+    set_manifest(part, environments=[here | {"jobs": 9}])
+    assert len(check(part).regressions) == 1
+    set_manifest(part, environments=[here | {"jobs": 9}, here | {"jobs": 3, "torch": "0.1"}])
+    result = check(part)
+    assert result.regressions == ()
+    assert f"torch {here['torch']} | 0.1 (golden: {here['torch']}); wider" in result.remarks[1]
+    assert result.remarks[1].endswith(
+        f"its jobs were made in 2 environments: 9 with torch {here['torch']}; 3 with torch 0.1"
+    )
+
+
 def test_what_an_environment_is():
     manifest = {
         "device": "auto",
@@ -195,15 +211,23 @@ def test_what_an_environment_is():
         {"versions": {"numpy": "3"}},
         {"device": "cuda"},
         {"cluster": {"cpus": 4}},
-        {"merged": [{"machine": manifest["machine"]}, {"machine": {"cpu": "B"}}]},
+        {"environments": [plain | {"jobs": 2}, plain | {"jobs": 1, "numpy": "3"}]},
     ):
         assert environment_of(manifest | other) != plain
     for same in (
         {"environment": {"gl": "driver", "render": "2"}},  # our own code: a regression shows
         {"versions": {"numpy": "2", "pandas": "4", "pc2pix-bench": "2"}},
-        {"merged": [{"machine": manifest["machine"]}] * 2},
+        {"environments": [plain | {"jobs": 3}]},
     ):
         assert environment_of(manifest | same) == plain
+    mixed = manifest | {"environments": [plain | {"jobs": 2}, plain | {"jobs": 1, "numpy": "3"}]}
+    assert environment_of(mixed) == plain | {"numpy": "2 | 3"}
+    assert is_same(plain, environment_of(manifest))
+    assert not is_same(environment_of(mixed), environment_of(mixed))
+    assert (
+        told_mixture(mixed)
+        == "its jobs were made in 2 environments: 2 with numpy 2; 1 with numpy 3"
+    )
 
 
 def test_tolerances_of_objects():

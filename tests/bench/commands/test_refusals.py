@@ -460,7 +460,7 @@ PARTS: dict[str, tuple[str, dict | None, str | None]] = {
     "no-protocol": (OF_1.format(5), {"protocol": None}, ""),
     "no-names": (f"not a manifest (no {', '.join(NAMES)}); move", dict.fromkeys(NAMES), ""),
     "no-store": ("no finished jobs in run.sqlite; the run is not finished, start it", {}, None),
-    "store-1": ("a store of version 1.0.0 or earlier, which this one does not read", {}, STORE_1),
+    "store-1": ("a store of version 2.0.0 or earlier, which this one does not read", {}, STORE_1),
     "a-job-less": ("lists no job of splat 512 chair a (1 of ", {}, ONE_LESS),
 }
 for name, (says, _, store) in PARTS.items():

@@ -50,6 +50,7 @@ def test_a_stored_result_is_read_back_whole(tmp_path):
     with open_folder(tmp_path) as store:
         assert store.is_empty
         assert store.find([job.key]) == {}
+        store.environment = {"torch": "2"}
         store.append(done)
         store.append(lost)
         assert store.appended == 2
@@ -61,10 +62,12 @@ def test_a_stored_result_is_read_back_whole(tmp_path):
                 job.key: "",
                 broken.key: lost.reason,
             }
-            assert store.result(job.key) == replace(done, arrays={})  # 1/3 to the last bit
+            stored = {"environment": '{"torch": "2"}'}
+            whole = replace(done, arrays={}, **stored)
+            assert store.result(job.key) == whole  # 1/3 to the last bit
             assert store.result(job.key).of_views["ssim"].tolist() == [1 / 3, 0.5]
             assert np.isnan(store.result(job.key).of_views["lpips"]).tolist() == [True, False]
-            assert store.result(broken.key) == lost
+            assert store.result(broken.key) == replace(lost, **stored)
             assert store.arrays(job.key) == done.arrays
             assert unpack(store.array(job.key, "judge")).tolist() == [[np.float32(0.1)] * 3] * 2
             for absent in (store.array, store.arrays, store.result):
@@ -170,11 +173,11 @@ def sealed(**changes):
     """Return what writes other values into the row of a job, with a checksum that fits them."""
 
     def harm(database, key):
-        names = "key, suite, reason, notes, prepare_s, draw_s, views, blobs"
+        names = "key, suite, reason, notes, prepare_s, draw_s, views, blobs, environment"
         (row,) = database.execute(f"SELECT {names} FROM job WHERE key = ?", [key])
         row = (*(changes.get(n, v) for n, v in zip(names.split(", "), row, strict=True)),)
         database.execute("DELETE FROM job WHERE key = ?", [key])
-        marks = ", ".join("?" * 9)
+        marks = ", ".join("?" * 10)
         query = f"INSERT INTO job ({names}, sha256) VALUES ({marks})"
         database.execute(query, (*row, row_checksum(row)))
 
@@ -444,12 +447,12 @@ def write_database(path, **pragmas):
         (lambda path: path.write_text("my notes" * 1000), "not a store of a run"),
         (write_database, "a database, but not the store of a run; move it away"),
         (
-            lambda path: write_database(path, application_id=0x70633270, user_version=3),
-            "store version 3 is newer than 2; update pc2pix-bench",
+            lambda path: write_database(path, application_id=0x70633270, user_version=4),
+            "store version 4 is newer than 3; update pc2pix-bench",
         ),
         (
-            lambda path: write_database(path, application_id=0x70633270, user_version=1),
-            "a store of version 1.0.0 or earlier, which this one does not read; start the run",
+            lambda path: write_database(path, application_id=0x70633270, user_version=2),
+            "a store of version 2.0.0 or earlier, which this one does not read; start the run",
         ),
     ],
 )

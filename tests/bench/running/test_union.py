@@ -15,7 +15,7 @@ from bench.commands.contract import options_of
 from bench.commands.publish import merge_shards, publish, run_suite
 from bench.commands.terminal import Terminal
 from bench.records.frames import read_records
-from bench.records.run_folder import read_manifest, write_manifest
+from bench.records.run_folder import open_folder, read_manifest, write_manifest
 from bench.running.options import Options, Shard
 from bench.running.protocol import Protocol, joined
 from bench.running.run import executors_for, open_run, run
@@ -312,6 +312,30 @@ def test_a_method_whose_weights_were_trained_again_is_measured_anew(
     counts, third = scores(0.5)  # the first ones are still there
     assert counts == (0, 27)
     assert (third == first).all()
+
+
+def test_a_run_that_goes_on_elsewhere_says_what_differs_and_what_jobs_were_made_with(
+    copied, same_machine, tiny_weights, capsys
+):
+    (here,) = read_manifest(copied)["environments"]
+    facts = {name: value for name, value in here.items() if name != "jobs"}
+    with open_folder(copied) as store:
+        store.environment = facts | {"scipy": "0.1"}
+        for key in stored_keys(copied):
+            store.append(replace(store.result(key), arrays=store.arrays(key)))
+    capsys.readouterr()
+    grown = finished_options(tiny_weights, copied, limit=4)
+    assert (measure(grown).done, measure(grown).done) == (7, 0)
+    errors = capsys.readouterr().err
+    told = (
+        f"{copied}: goes on in another environment: scipy 0.1 -> {facts['scipy']}; 21 jobs are "
+        "from before, and 'bench check' takes the wider tolerances; --fresh starts over"
+    )
+    assert errors.count(told) == 2
+    assert read_manifest(copied)["environments"] == [
+        {"jobs": 21, **facts, "scipy": "0.1"},
+        {"jobs": 7, **facts},
+    ]
 
 
 @pytest.mark.slow
