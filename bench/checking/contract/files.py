@@ -42,13 +42,16 @@ def watch_files() -> set[str]:
 
 def unknown_files(opened: Collection[str], known: Collection[Path]) -> list[Path]:
     """Return the data files among opened paths that are not known, sorted."""
-    files = {
-        Path(path).resolve()
-        for path in opened
-        if Path(path).suffix not in _CODE and not any(p.startswith(".") for p in Path(path).parts)
-    }
+    files = {Path(path).resolve() for path in opened if _is_data(Path(path))}
     return sorted(
         file
         for file in files - {*known}
         if file.is_file() and not any(file.is_relative_to(folder) for folder in _OTHERS)
     )
+
+
+def _is_data(path: Path) -> bool:
+    """Return whether a path is that of a data file: no code, no cache, no facts on a package."""
+    hidden = any(part.startswith(".") for part in path.parts)
+    of_package = any(part.endswith((".egg-info", ".dist-info")) for part in path.parts)
+    return path.suffix not in _CODE and not hidden and not of_package
