@@ -121,7 +121,7 @@ def _two_methods(
     chosen_rows = _chosen_rows(run, chosen)
     _refuse_unknown("--methods", methods, [*run.manifest["methods"], *chosen_rows])
     a, b = methods
-    folder = str(run.directory)
+    folder = _name(run.directory)
     compared = _compare(run, methods, chosen)
     if conditions is not None:
         compared = compared[compared["condition"].isin(conditions)]
@@ -163,7 +163,7 @@ def runs(
     chosen = _metrics([a, b], metrics, remarks)
     among = _shared_objects(a, b, conditions, remarks)
     compared = [
-        _compare(run, methods or shared, chosen, among).assign(run=str(directory))
+        _compare(run, methods or shared, chosen, among).assign(run=_name(directory))
         for run, directory in ((a, first), (b, second))
     ]
     cells, names = compared[0][["condition", "class"]].drop_duplicates(), methods or shared
@@ -175,7 +175,13 @@ def runs(
         for name in names
     ]
     truth = TRUTHS[a.suite.truth]
-    return Differences(str(first), str(second), paired_differences(pairs), tuple(remarks), truth)
+    sides = _name(first), _name(second)
+    return Differences(*sides, paired_differences(pairs), tuple(remarks), truth)
+
+
+def _name(directory: Path) -> str:
+    """Return the path of a run as text that files and columns can hold: without lone surrogates."""
+    return str(directory).encode(errors="backslashreplace").decode()
 
 
 def _shared_objects(

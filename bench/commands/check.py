@@ -180,7 +180,7 @@ def _as_json(directory: Path, verdict: CheckResult) -> str:
         return number if math.isfinite(number) else None
 
     told = {
-        "run": str(directory),
+        "run": visible(str(directory)),
         "agrees": not verdict.regressions,
         "compared": verdict.compared,
         "regressions": [
@@ -205,17 +205,22 @@ def _as_json(directory: Path, verdict: CheckResult) -> str:
 
 
 def _as_junit(directory: Path, verdict: CheckResult) -> str:
-    """Return a verdict as JUnit's XML: a test case for each metric of a method at a condition."""
-    suite = ElementTree.Element("testsuite", name=f"bench check {directory}")
+    """Return a verdict as JUnit's XML: a test case for each metric of a method at a condition.
+
+    Characters that XML cannot hold are escaped in all names and lines.
+    """
+    suite = ElementTree.Element("testsuite", name=visible(f"bench check {directory}"))
     for cell in verdict.cells:
-        name = f"{cell.metric} at {cell.condition}"
-        case = ElementTree.SubElement(suite, "testcase", classname=cell.method, name=name)
+        names = {"classname": cell.method, "name": f"{cell.metric} at {cell.condition}"}
+        names = {key: visible(name) for key, name in names.items()}
+        case = ElementTree.SubElement(suite, "testcase", names)
         if cell.problem:
             ElementTree.SubElement(case, "failure", message=visible(str(cell)))
     for line in verdict.others:
         case = ElementTree.SubElement(suite, "testcase", classname="tables", name=visible(line))
         ElementTree.SubElement(case, "failure", message=visible(line))
-    ElementTree.SubElement(suite, "system-out").text = visible("\n".join(verdict.remarks))
+    remarks = "\n".join(map(visible, verdict.remarks))
+    ElementTree.SubElement(suite, "system-out").text = remarks
     suite.set("tests", str(len(verdict.cells) + len(verdict.others)))
     suite.set("failures", str(len(verdict.regressions)))
     ElementTree.indent(suite)

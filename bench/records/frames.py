@@ -96,7 +96,11 @@ def write_records(directory: Path, store: Store, most: int = _IMAGES_AT_ONCE) ->
         [(name, kinds.get(name, pa.large_string())) for name in COLUMNS],
         {b"pc2pix_bench_schema": str(RECORDS_VERSION).encode()},
     )
-    with atomic_write(directory / _RECORDS) as new, pq.ParquetWriter(new, schema) as writer:
+    with (
+        atomic_write(directory / _RECORDS) as new,
+        new.open("wb") as file,  # pyarrow opens no path that is not UTF-8
+        pq.ParquetWriter(file, schema) as writer,
+    ):
         for part in image_frames(store.results(), most):
             writer.write_table(pa.Table.from_pandas(part, schema, preserve_index=False))
 

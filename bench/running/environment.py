@@ -37,6 +37,12 @@ _TIMEOUT_S = 120
 _VECTOR = ("sse4", "avx", "fma", "amx", "asimd", "sve")  # begin the names of such instructions
 
 
+def command_line() -> list[str]:
+    """Return the command of this process; bytes that are not UTF-8 become escapes."""
+    # A manifest is UTF-8, and a folder may have any name.
+    return [word.encode(errors="backslashreplace").decode() for word in sys.argv]
+
+
 def machine_info() -> dict[str, Any]:
     """Return the entries of a manifest on command, time, versions and machine."""
     cpu = _first_processor()
@@ -44,7 +50,7 @@ def machine_info() -> dict[str, Any]:
     vector = " ".join(name for name in flags if name.startswith(_VECTOR))
     memory_b = os.sysconf("SC_PAGE_SIZE") * os.sysconf("SC_PHYS_PAGES")
     return {
-        "command": sys.argv,
+        "command": command_line(),
         "started": now(),
         "finished": None,
         "versions": versions(),

@@ -7,7 +7,6 @@ merge that was stopped goes on where it was.
 
 from __future__ import annotations
 
-import sys
 from collections import Counter, defaultdict
 from collections.abc import Mapping, Sequence
 from contextlib import ExitStack
@@ -17,7 +16,7 @@ from typing import Any, Generic, NamedTuple
 from bench.records.job import tenths
 from bench.records.run_folder import CONDITION_IDENTITIES, FIXED, TRUTH, entry, read_finished
 from bench.records.store import JobRow, Store, open_store
-from bench.running.environment import ENVIRONMENTS, environments_entry
+from bench.running.environment import ENVIRONMENTS, command_line, environments_entry
 from bench.running.options import Element, read_shard
 from bench.running.protocol import WHOLE
 from bench.running.run import Outputs, Publish, open_run, write_export
@@ -153,7 +152,7 @@ def _describe(parts: Sequence[Mapping[str, Any]]) -> dict[str, Any]:
         "machine": first.get("machine", {}) | {"cpu": "; ".join(processors)},
         "workers": max(int(part.get("workers", 1)) for part in parts),
         "stage_seconds": _added(*parts),
-        "command": sys.argv,
+        "command": command_line(),
         "finished": None,
     }
 

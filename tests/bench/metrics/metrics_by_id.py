@@ -9,12 +9,9 @@ import numpy as np
 
 from bench.catalogue.metrics import JUDGE, find_extractor
 from bench.judges.answers import azimuth_error_deg, elevation_error_deg
-from bench.metrics.dists import dists
-from bench.metrics.flip import flip
 from bench.metrics.frechet import frechet_distance
-from bench.metrics.image_scores import scores
+from bench.metrics.image_scores import FURTHER_SCORES, further_score, scores
 from bench.metrics.lpips_network import lpips
-from bench.metrics.multiscale_similarity import ms_ssim
 from bench.metrics.peak_signal_to_noise import psnr
 from bench.metrics.silhouette import Pairs, overlap
 from bench.metrics.structural_similarity import ssim_per_image
@@ -53,11 +50,8 @@ METRICS = {
     "silhouette-iou": silhouette_iou,
     "thin-recall": lambda a, b: thin_scores(Pairs(a, b)).recall,
     "thin-precision": lambda a, b: thin_scores(Pairs(a, b)).precision,
-    "ms-ssim": ms_ssim,
-    "flip": flip,
     "lpips": functools.partial(lpips, single=True),
-    "dists": functools.partial(dists, single=True),
-    "st-lpips": functools.partial(lpips, net="shift-tolerant", single=True),
+    **{name: further_score(name, "cpu") for name in FURTHER_SCORES},
     "frechet-distance": frechet_distance,
     **{name: functools.partial(distance_of_features, name) for name in OF_FEATURES},
     JUDGE: code_lengths,

@@ -6,6 +6,7 @@ from __future__ import annotations
 import hashlib
 import json
 import math
+from itertools import pairwise
 
 import numpy as np
 import pytest
@@ -13,6 +14,8 @@ import torch
 from skimage.io import imread
 from skimage.metrics import peak_signal_noise_ratio
 
+from bench.catalogue.metrics import FURTHER_METRICS, IMAGE_METRICS
+from bench.catalogue.plugins import find_metric
 from bench.metrics import psnr
 from bench.metrics.dists import dists, pooled
 from bench.metrics.flip import flip
@@ -23,6 +26,7 @@ from bench.metrics.multiscale_similarity import WEIGHTS, ms_ssim, scale_weights
 from bench.metrics.packaged_weights import CHECKPOINTS, find_lpips_weights
 from bench.metrics.structural_similarity import ssim_per_image
 
+from .metrics_by_id import METRICS
 from .reference import REFERENCE
 
 
@@ -177,6 +181,55 @@ def test_st_lpips_is_that_of_the_published_code_and_forgives_shifts(single, tole
     striped[40:88, 40:88:8] = 255
     shifted = striped, np.roll(striped, 1, axis=1)
     assert 3 * lpips(*shifted, "shift-tolerant", single=single) < lpips(*shifted, single=single)
+
+
+# --- metrics by their ids -------------------------------------------------------------------------
+
+
+def flip_of_its_package(truth, drawn):
+    evaluate = pytest.importorskip("flip_evaluator").evaluate
+    images = (image.astype(np.float32) / 255 for image in (truth, drawn))
+    near, _, _ = evaluate(*images, "LDR", applyMagma=False, parameters={"ppd": 67.0206})
+    return near.mean(dtype=np.float64)
+
+
+OURS = (*IMAGE_METRICS, *FURTHER_METRICS)
+ON_WHITE = "disc 30 grey 150/white"
+# By id: two images, what others have measured of them, and how far float32 may be off.
+BY_ID = {
+    "ms-ssim": (
+        *(image[0] for image in PAIRS["phase"](192)),
+        *(PUBLISHED["phase"] ** (1 / sum(WEIGHTS)), 1e-6),
+    ),
+    "flip": (*IMAGES[ON_WHITE], flip_of_its_package, 1e-5),
+    "dists": (*IMAGES[ON_WHITE], DISTS[ON_WHITE], 1e-5),
+    "st-lpips": (*IMAGES[ON_WHITE], ST_LPIPS[ON_WHITE], 1e-5),
+}
+
+
+@pytest.mark.parametrize("metric", FURTHER_METRICS)
+def test_a_metric_on_request_is_what_its_id_says(metric):
+    truth, drawn, expected, tolerance = BY_ID[metric]
+    if callable(expected):
+        expected = expected(truth, drawn)
+    try:
+        (actual,) = find_metric(metric).score(truth[None], drawn[None])
+    except WeightsUnavailable as error:
+        pytest.skip(str(error))
+    assert actual == pytest.approx(expected, rel=0, abs=tolerance)
+
+
+def test_no_two_metrics_of_images_are_one():
+    """Each id gives a value of its own for a disc on a rod, drawn paler, smaller and aside."""
+    truth, drawn = disc(30, 80)[None], disc(27, 120, column=67)[None]
+    truth[:, 90:125, 63:65], drawn[:, 90:110, 64:67] = 80, 120
+    values = {name: float(METRICS[name](truth, drawn)[0]) for name in OURS}
+    values |= {f"{name}, of a run": float(v[0]) for name, v in scores(truth, drawn).items()}
+    assert len(values) == len(OURS) + len(IMAGE_METRICS) - 1  # a run takes lpips by its network
+    ordered = sorted(values.items(), key=lambda item: item[1])
+    for (one, low), (other, high) in pairwise(ordered):
+        same = one.partition(",")[0].replace("_", "-") == other.partition(",")[0].replace("_", "-")
+        assert (high - low < 1e-9) == same, (one, other)
 
 
 def test_pooling_by_hand():
