@@ -18,7 +18,8 @@ from data_prep.scene import IMAGE_SIZE, UInt8Images
 if TYPE_CHECKING:
     from PIL.ImageFont import FreeTypeFont, ImageFont
 
-_BACKGROUND = 8 / 255  # less dark or covered is background: networks are not quite sure of it
+_BACKGROUND = 8 / 255  # less dark is background: networks draw it a little off white
+_UNSURE = 8 / 255  # of coverage: nearer to none or all of a pixel networks hardly ever come
 _EDGE_PX = 2  # the smoothed edges of networks; those of meshes take one
 MARGIN = 6
 LABEL_HEIGHT = 18
@@ -45,14 +46,14 @@ def without_background(
 ) -> NDArray[np.uint8]:
     """Return images on white, [F, S, S, 3], as RGBA [F, size, size, 4] that are the same on white.
 
-    The opacity of a pixel is its coverage, [F, S, S] in 0..1, or 0 below _BACKGROUND. Its colour is
-    the one that on white gives the pixel of the opaque image (of `resized`) again, within a grey
-    level.
+    The opacity of a pixel is its coverage, [F, S, S] in 0..1, rounded to 0 or 1 within _UNSURE. Its
+    colour is the one that on white gives the pixel of the opaque image (of `resized`) again, within
+    a grey level.
     """
     rgba = np.empty((len(images), size, size, 4), np.uint8)
     for image, share, out in zip(images, coverage, rgba, strict=True):
         (large,) = resized(image[None], size)
-        covered = np.where(share < _BACKGROUND, 0, share)
+        covered = np.where(share < _UNSURE, 0, np.where(share > 1 - _UNSURE, 1, share))
         levels = np.floor(255 * _enlarged(covered, size).clip(0, 1) + 0.5)
         # Less opaque than dark, a pixel would need a colour darker than black.
         levels = np.maximum(levels, 255 - large.min(axis=-1))[..., None]
