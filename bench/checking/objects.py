@@ -445,7 +445,8 @@ def compare_objects(
 
 def _other_images(stored: Mapping[JobName, Artifact], checksums: pd.Series) -> list[JobName]:
     """Return the jobs whose images have not these checksums, which the index names."""
-    named = ((JobName(*key), was) for key, was in checksums.items())
+    keys: Any = checksums.index
+    named = ((JobName(*key), was) for key, was in zip(keys, checksums, strict=True))
     return [job for job, was in named if checksum(stored_images(stored, job)) != was]
 
 

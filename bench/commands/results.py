@@ -93,7 +93,6 @@ def report(
     from bench.report.index import write_index
     from bench.tables.build import make_outputs
 
-    directories = list(dict.fromkeys(directories))
     if len(directories) > 1:
         print(write_index(directories, out))
     else:

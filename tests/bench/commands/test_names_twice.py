@@ -28,7 +28,6 @@ CASES = {
     "recommend run --budget-ms 9000 --metric lpips,lpips": "recommend run --budget-ms 9000 "
     "--metric lpips",
     "score run --metrics ms-ssim,ms-ssim": "score run --metrics ms-ssim",
-    "report run run": "report run",
     "check run --golden golden.json --tolerance ssim=0.1,ssim=.1": "check run --golden golden.json "
     "--tolerance ssim=0.1",
     "check run run --claims --methods splat,splat": "check run --claims --methods splat",
