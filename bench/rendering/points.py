@@ -5,6 +5,7 @@ from __future__ import annotations
 from collections.abc import Sequence
 from dataclasses import dataclass, fields
 from functools import partial
+from numbers import Integral, Real
 from pathlib import Path
 from typing import Any, Literal, cast, get_args, overload
 
@@ -35,6 +36,7 @@ from data_prep.rendering.camera import FARTHEST
 from data_prep.rendering.raycast import surface_maps
 from data_prep.scene import IMAGE_SIZE, Mesh, PointCloud, View
 
+_MOST_FRAMES = 3_600  # steps of a tenth of a degree, in 180 MB of 128 pixels each way
 _SPELT = {  # what a note on a file names, in Python
     "--drop-invalid": "drop_invalid=True",
     "--drop-far": "drop_far=True",
@@ -318,8 +320,15 @@ def draw_cloud(
         Where the method cannot draw this cloud.
     """
     request = _request("draw_cloud", "azimuth_deg", options)
-    view = View(azimuth_deg, elevation_deg)
+    view = View(_angle("azimuth_deg", azimuth_deg), _angle("elevation_deg", elevation_deg))
     return request.draw_with_maps(points, view) if return_maps else request.draw(points, [view])[0]
+
+
+def _angle(name: str, value: float) -> float:
+    """Return an angle in degrees. Raises ValueError for what is no number."""
+    if isinstance(value, bool) or not isinstance(value, Real):
+        raise ValueError(f"{name} must be a number of degrees, got {value!r:.40}")
+    return value
 
 
 def turntable(
@@ -335,7 +344,7 @@ def turntable(
     points, elevation_deg, **options
         As in `draw_cloud`; a budget is for the first image.
     frames : int
-        Number of images, at least 1; the first has azimuth 0.
+        Number of images, 1 to 3600; the first has azimuth 0.
 
     Returns
     -------
@@ -345,10 +354,12 @@ def turntable(
     Raises
     ------
     ValueError, data_prep.failures.StageFailure
-        As in `draw_cloud`, and for less than one frame.
+        As in `draw_cloud`, and for other numbers of frames.
     """
-    if frames < 1:
-        raise ValueError(f"frames must be at least 1, got {frames}")
+    whole = isinstance(frames, Integral) and not isinstance(frames, bool)
+    if not whole or not 1 <= frames <= _MOST_FRAMES:
+        raise ValueError(f"frames must be a whole number from 1 to {_MOST_FRAMES}, got {frames!r}")
+    elevation_deg = _angle("elevation_deg", elevation_deg)
     views = [View(360 * i / frames, elevation_deg) for i in range(frames)]
     return _request("turntable", "frames", options).draw(points, views)
 

@@ -86,7 +86,11 @@ WRONG = {  # what is raised, for which arguments, and what is said
         ({"points": np.zeros((5, 2))}, r"points: expected real numbers \[N, 3\]"),
         ({"points": np.array(["a", "b"])}, r"expected real numbers \[N, 3\], got <U1"),
         ({"elevation_deg": 91}, "elevation_deg must lie in"),
-        ({"frames": 0}, "frames must be at least 1, got 0"),
+        *(
+            ({"frames": frames}, f"frames must be a whole number from 1 to 3600, got {frames}")
+            for frames in (0, 10**9, True, 2.0)
+        ),
+        ({"elevation_deg": "30"}, "elevation_deg must be a number of degrees, got '30'"),
     ],
     TypeError: [({"elevation": 9}, "turntable: no option elevation; there are frames, ")],
     StageFailure: [({"points": [[0, 0, 0], [1, 0, 0]], "method": "surface-apss"}, "2 points")],
@@ -99,6 +103,12 @@ def test_what_cannot_be_drawn(points, kind):
         with pytest.raises(kind, match=message) as refusal:
             bench.turntable(**({"points": points, "method": "splat"} | wrong))
         assert refusal.type is kind
+
+
+@pytest.mark.parametrize("angle", [True, "30", None])
+def test_an_angle_is_a_number(points, angle):
+    with pytest.raises(ValueError, match=f"azimuth_deg must be a number of degrees, got {angle!r}"):
+        bench.draw_cloud(points, azimuth_deg=angle, method="splat")
 
 
 def test_further_columns_files_sizes_and_points_that_are_not_finite(points, tmp_path):
