@@ -19,6 +19,7 @@ from bench.analysis.paper import Published
 from bench.analysis.scored_run import Run
 from bench.catalogue.images import ENTERED
 from bench.catalogue.suites import Suite
+from bench.records.frames import scored_metrics
 from bench.records.record import TIMES
 from bench.records.run_folder import PROTOCOL
 from bench.tables import markdown
@@ -27,8 +28,14 @@ from bench.tables.frontier import frontier_table, points_table
 from bench.tables.grid import grid
 from bench.tables.orderings import orderings_table
 from bench.tables.published import published
-from bench.tables.quality import QUALITY_TABLES, further_tables, headline
-from bench.tables.table import Table, of_protocol, remove_others, write_tables
+from bench.tables.quality import (
+    HEADLINE,
+    QUALITY_TABLES,
+    further_tables,
+    headline,
+    metric_table_name,
+)
+from bench.tables.table import Table, of_protocol, remove_stale, write_tables
 from data_prep.files.atomic_write import write_whole
 
 COST = "cost.md"
@@ -134,11 +141,13 @@ def make_outputs(run: Run) -> Outputs:
 
 
 def write_outputs(run: Run) -> Outputs:
-    """Make the tables of a run and write its folder of tables anew."""
+    """Make the tables of a run and write them, in place of those that it had before."""
     outputs = make_outputs(run)
     written = [outputs.headline, *outputs.tables, *outputs.further]
     write_tables(run.directory, written)
-    remove_others(run.directory, written)
+    of_suite = (spec.name for spec in run.suite.tables)
+    of_images = map(metric_table_name, scored_metrics(run.directory))
+    remove_stale(run.directory, written, [HEADLINE, *of_suite, *of_images])
     write_whole(run.directory / COST, outputs.cost.encode())
     return outputs
 

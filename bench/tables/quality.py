@@ -200,8 +200,13 @@ def metric_table(run: Run, metric: Any, rows: pd.DataFrame) -> Table:
     """Return the table of a further metric, which has an id, a version and a line about it."""
     better = "higher" if higher_is_better(metric.id) else "lower"
     title = f"{metric.id}, version {metric.version}: {metric.about} ({better} is better)"
-    spec = TableSpec("images", f"metric_{metric.id}", title)
+    spec = TableSpec("images", metric_table_name(metric.id), title)
     return of_protocol(quality_table(spec, rows), run.suite, run.manifest[PROTOCOL])
+
+
+def metric_table_name(metric_id: str) -> str:
+    """Return the name of the table of a metric of `bench score`."""
+    return f"metric_{metric_id}"
 
 
 def further_tables(run: Run) -> list[Table]:

@@ -125,17 +125,19 @@ def write_tables(directory: Path, tables: Iterable[Table]) -> None:
         write_whole(directory / TABLES / name, text.encode())
 
 
-def remove_others(directory: Path, tables: Iterable[Table]) -> None:
-    """Remove what is in the folder of tables of a run beside these tables, and name it."""
-    written = {f"{table.name}{kind}" for table in tables for kind in _kinds(table)}
-    folder = directory / TABLES
-    others = [
-        path
-        for path in sorted(folder.iterdir())
-        if path.suffix in (".csv", ".md") and path.name not in written and not folder.is_symlink()
-    ]
-    for path in others:
+def remove_stale(directory: Path, tables: Iterable[Table], own: Iterable[str]) -> None:
+    """Remove tables of earlier versions of a run that are not among these, and name them.
+
+    `own` are the names of all tables that a run of its kind writes: other files of that folder are
+    of the user, or of `bench score`.
+    """
+    written, folder = {f"{t.name}{kind}" for t in tables for kind in _kinds(t)}, directory / TABLES
+    files = (folder / f"{name}{kind}" for name in own for kind in (".csv", ".md"))
+    stale = sorted(path for path in files if path.name not in written and path.is_file())
+    if folder.is_symlink():
+        return
+    for path in stale:
         path.unlink()
-    if others:
-        names = ", ".join(dict.fromkeys(path.stem for path in others))
+    if stale:
+        names = ", ".join(dict.fromkeys(path.stem for path in stale))
         log(f"removed from {folder}, as no table of the run as it is now: {names}")

@@ -14,7 +14,7 @@ from bench.commands.terminal import shown
 from bench.tables.build import write_outputs
 from bench.tables.quality import headline
 
-from ..builders import overwrite, rows_of, write_run
+from ..builders import file_bytes, overwrite, rows_of, write_run
 
 
 @pytest.mark.parametrize(("count", "intervals"), [(8, False), (11, False), (12, True)])
@@ -60,13 +60,19 @@ def test_failed_images_count_as_blank_ones_and_are_named_once(tmp_path):
     assert "*b*" not in text
 
 
-def test_the_folder_of_tables_is_written_anew(tmp_path, capsys):
-    directory = write_run(tmp_path / "run", methods=["splat", "blank"])
+def test_only_tables_of_the_run_itself_are_removed(tmp_path, capsys):
+    """Those of a set metric of `bench score` cannot be made again from the records."""
+    names = {"suite": "thirteen-classes", "methods": ["splat", "blank"], "conditions": ["2048"]}
+    objects = [f"{class_name}/{i}" for class_name in ("chair", "table") for i in range(3)]
+    directory = write_run(tmp_path / "run", **names, objects=objects)
+    folder = directory / "tables"
+    for name in ("metric_fd-edges.csv", "metric_fd-edges.md", "notes.md", "mine.csv"):
+        (folder / name).write_text("of the user")
+    before = file_bytes(folder)
+    (folder / "table5_orderings.csv").write_text("of a run with more methods")
+    capsys.readouterr()
     write_outputs(read_run(directory))
-    kept = {path.name for path in (directory / "tables").iterdir()}
-    for name in ("metric_flip.csv", "metric_flip.md", "frontier.csv"):
-        (directory / "tables" / name).write_text("of other records")
-    (directory / "tables" / "mine.txt").write_text("of the user")
-    write_outputs(read_run(directory))
-    assert {path.name for path in (directory / "tables").iterdir()} == kept | {"mine.txt"}
-    assert "as no table of the run as it is now: frontier, metric_flip" in capsys.readouterr().err
+    assert file_bytes(folder) == before
+    assert capsys.readouterr().err == (
+        f"removed from {folder}, as no table of the run as it is now: table5_orderings\n"
+    )
