@@ -15,7 +15,7 @@ from xml.etree import ElementTree
 import typer
 
 from bench.commands.options import OptionSpec, options_from_dataclass, path_argument
-from bench.records.run_folder import read_manifest
+from bench.records.run_folder import locked_run, read_manifest
 from bench.tables.markdown import visible
 from data_prep.failures import BadInput, CannotWrite
 from data_prep.scene import IMAGE_SIZE
@@ -117,7 +117,10 @@ def check(
     widths = _widths(options.tolerance or (), options.strict)
     verdict = checks.check(directory, widths, options.golden)
     try:
-        drawn = _write_deviations(directory, verdict.moved, ours=options.golden is None)
+        drawn = None
+        if verdict.moved or _moved_path(directory).exists():
+            with locked_run(directory):
+                drawn = _write_deviations(directory, verdict.moved, ours=options.golden is None)
     except CannotWrite as error:  # the verdict counts also where the folder is read-only
         drawn = None
         print(f"bench: {error}", file=sys.stderr)
@@ -227,6 +230,12 @@ def _as_junit(directory: Path, verdict: CheckResult) -> str:
     return ElementTree.tostring(suite, encoding="unicode", xml_declaration=True)
 
 
+def _moved_path(directory: Path) -> Path:
+    from bench.report.figure import FIGURES
+
+    return directory / FIGURES / "moved.png"
+
+
 def _write_deviations(directory: Path, moved: Sequence[GoldenDeviation], ours: bool) -> Path | None:
     """Draw the objects that moved most into a run's folder, beside golden thumbnails or truths.
 
@@ -238,10 +247,9 @@ def _write_deviations(directory: Path, moved: Sequence[GoldenDeviation], ours: b
     from bench.records.frames import stored_artifacts
     from bench.rendering.files import write_images
     from bench.rendering.finish import Tile, draw_sheet
-    from bench.report.figure import FIGURES
     from bench.tables.published import golden_name
 
-    path = directory / FIGURES / "moved.png"
+    path = _moved_path(directory)
     worst: dict[object, GoldenDeviation] = {}
     for deviation in sorted(moved, key=lambda deviation: -deviation.excess):
         worst.setdefault(deviation.item, deviation)
@@ -292,5 +300,10 @@ def _check_claims(directories: list[Path], methods: Sequence[str]) -> None:
     from bench.checking.checklist import check_claims, to_markdown, write_checklist
 
     checklist = check_claims(directories, methods)
+    try:
+        with locked_run(directories[0]):
+            told = f"written to {write_checklist(checklist, directories[0])}"
+    except CannotWrite as error:  # the verdicts count also where the folder is read-only
+        told = f"bench: {error}"
     print(to_markdown(checklist))
-    print(f"written to {write_checklist(checklist, directories[0])}", file=sys.stderr)
+    print(told, file=sys.stderr)

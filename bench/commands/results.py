@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import sys
 from collections.abc import Iterator, Mapping, Sequence
+from contextlib import nullcontext
 from enum import StrEnum
 from pathlib import Path
 from typing import Annotated, Any
@@ -35,6 +36,7 @@ from bench.commands.options import (
     path_argument,
     path_option,
 )
+from bench.records.run_folder import locked_run
 from bench.running.options import file_name
 from bench.tables.build import how_timed
 from bench.tables.grid import FEWER, MOVED, Cell, measured, number, records
@@ -71,7 +73,9 @@ def table(directory: RunDirectory, format_: FormatOption = None) -> None:
     from bench.commands.publish import print_outputs
     from bench.tables.build import write_outputs
 
-    print_outputs(write_outputs(read_run(directory)), format_)
+    with locked_run(directory):
+        outputs = write_outputs(read_run(directory))
+    print_outputs(outputs, format_)
 
 
 def report(
@@ -95,7 +99,8 @@ def report(
 
     if len(directories) > 1:
         print(write_index(directories, out))
-    else:
+        return
+    with locked_run(directories[0], "give --out") if out is None else nullcontext():
         print(write_report(make_outputs(read_run(directories[0])), out))
 
 
@@ -177,14 +182,15 @@ def compare(
     folder = out or directories[-1] / _COMPARISONS / file_name(
         Path(differences.a).name, Path(differences.b).name
     )
-    try:
-        folder.mkdir(parents=True, exist_ok=True)
-    except OSError as error:
-        raise CannotWrite(f"{folder}: cannot be made ({error.strerror}); give --out") from error
     table = differences_table(differences)
-    for name, text in table_files([table]).items():
-        write_whole(folder / name, text.encode())
-    write_differences(folder / "differences", differences)
+    with locked_run(directories[-1], "give --out") if out is None else nullcontext():
+        try:
+            folder.mkdir(parents=True, exist_ok=True)
+        except OSError as error:
+            raise CannotWrite(f"{folder}: cannot be made ({error.strerror}); give --out") from error
+        for name, text in table_files([table]).items():
+            write_whole(folder / name, text.encode())
+        write_differences(folder / "differences", differences)
     print(f"written to {folder}", file=sys.stderr)  # first: the verdict is the last line
     if format_ is None:
         format_ = _ComparisonFormat.text if sys.stdout.isatty() else _ComparisonFormat.md

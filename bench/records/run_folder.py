@@ -12,6 +12,7 @@ import fcntl
 import json
 import os
 import re
+import stat
 from collections.abc import Iterator, Mapping
 from contextlib import contextmanager
 from pathlib import Path
@@ -25,6 +26,8 @@ from data_prep.files.atomic_write import write_whole
 from data_prep.files.safe_read import MIB, is_hidden, read_file
 
 MANIFEST = "manifest.json"
+LOCK = "lock"
+_ELSEWHERE = "give --out"  # remedy where a folder cannot be written
 MOST_BYTES = 64 * MIB  # of a manifest: one line an object
 FIXED = ("suite", "dataset", "views", "seed", "device")  # one directory, one value of each
 PROTOCOL = "protocol"  # its version
@@ -93,12 +96,20 @@ def open_folder(directory: Path) -> Iterator[Store]:
 
 
 @contextmanager
-def _locked(directory: Path) -> Iterator[None]:
-    try:
-        lock_file = (directory / "lock").open("w")
-    except OSError as error:
-        raise not_writable(directory, error) from error
-    with lock_file as lock:
+def locked_run(directory: Path, remedy: str = "make it writable") -> Iterator[None]:
+    """Let this process alone write into the folder of a run for as long as the block lasts.
+
+    Raises BadInput as `read_manifest` and where another process writes there, and CannotWrite, with
+    the remedy, where the folder cannot be written.
+    """
+    read_manifest(directory)  # no lock is left in a folder that holds no run
+    with _locked(directory, remedy):
+        yield
+
+
+@contextmanager
+def _locked(directory: Path, remedy: str = _ELSEWHERE) -> Iterator[None]:
+    with _open_lock(directory, remedy) as lock:
         try:
             fcntl.flock(lock, fcntl.LOCK_EX | fcntl.LOCK_NB)
         except BlockingIOError as error:
@@ -113,9 +124,36 @@ def _locked(directory: Path) -> Iterator[None]:
         yield
 
 
-def not_writable(directory: Path, error: OSError) -> CannotWrite:
+@contextmanager
+def _open_lock(directory: Path, remedy: str) -> Iterator[int]:
+    """Yield the open file of a lock, which may have been put there by anybody.
+
+    Nothing is followed, waited for or emptied: a link leads to a file of the user, and a pipe waits
+    for its other end.
+    """
+    path = directory / LOCK
+    flags = os.O_RDWR | os.O_CREAT | os.O_NOFOLLOW | os.O_NONBLOCK | os.O_CLOEXEC
+    try:
+        lock = os.open(path, flags, 0o666)
+    except OSError as error:
+        if path.is_symlink() or _is_special(path):
+            raise _no_file(path) from error
+        raise not_writable(directory, error, remedy) from error
+    try:
+        if not stat.S_ISREG(os.fstat(lock).st_mode):
+            raise _no_file(path)
+        yield lock
+    finally:
+        os.close(lock)
+
+
+def _no_file(path: Path) -> BadInput:
+    return BadInput(f"{path}: no file of this folder, but a link, pipe or device; remove it")
+
+
+def not_writable(directory: Path, error: OSError, remedy: str = _ELSEWHERE) -> CannotWrite:
     """Return the refusal of a folder that cannot be written, with the reason."""
-    return CannotWrite(f"{directory}: cannot be written ({error.strerror}); give --out")
+    return CannotWrite(f"{directory}: cannot be written ({error.strerror}); {remedy}")
 
 
 def check_directory(directory: Path, manifest: Mapping[str, Any]) -> dict[str, Any]:
@@ -144,10 +182,11 @@ def _holds_run(directory: Path) -> bool:
         return False
     if not directory.is_dir():
         raise BadInput(f"{directory}: is a file; give a folder with --out")
+    _refuse_special(directory)
     if (directory / MANIFEST).exists():
         return True
     # A run that was killed before it had a manifest may have left these.
-    left_over = {"lock", *(f"{STORE}{end}" for end in ("", "-wal", "-shm", "-journal"))}
+    left_over = {LOCK, *(f"{STORE}{end}" for end in ("", "-wal", "-shm", "-journal"))}
     names = {path.name for path in directory.iterdir() if not is_hidden(path.name)}
     if names - left_over:
         raise BadInput(f"{directory}: not empty and not a run; give a new --out")
@@ -170,16 +209,28 @@ def read_manifest(directory: Path) -> dict[str, Any]:
     """
     if not directory.exists():
         raise BadInput(f"{directory}: no such folder; give a run's folder")
+    _refuse_special(directory)
+    if not (directory / MANIFEST).is_file():
+        raise BadInput(f"{directory}: no run here ({MANIFEST} is missing); give a run's folder")
+    return load_manifest(directory / MANIFEST, directory)
+
+
+def _refuse_special(directory: Path) -> None:
+    """Raise BadInput for a link that leads out of a folder, for a pipe and for a device in it."""
     for path in directory.iterdir() if directory.is_dir() else ():
         # A command would wait for a pipe for ever, and write tables where a link leads.
         below = Path(os.path.realpath(path)).is_relative_to(os.path.realpath(directory))
         if path.is_symlink() and not below:
             raise BadInput(f"{path}: a link that leads out of the run's folder; put a copy there")
-        if path.exists() and not (path.is_file() or path.is_dir()):
+        if path.name == LOCK and path.is_symlink():
+            raise _no_file(path)
+        if _is_special(path):
             raise BadInput(f"{path}: no regular file but a pipe or device; remove it")
-    if not (directory / MANIFEST).is_file():
-        raise BadInput(f"{directory}: no run here ({MANIFEST} is missing); give a run's folder")
-    return load_manifest(directory / MANIFEST, directory)
+
+
+def _is_special(path: Path) -> bool:
+    """Return whether a path is there, and neither a file nor a folder nor a link to one."""
+    return path.exists() and not (path.is_file() or path.is_dir())
 
 
 def load_manifest(path: Path, where: Path | None = None, remedy: str = "") -> dict[str, Any]:

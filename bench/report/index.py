@@ -24,7 +24,7 @@ from bench.catalogue.conditions import condition_words
 from bench.catalogue.methods import role
 from bench.catalogue.metrics import is_mean
 from bench.catalogue.suites import TRUTHS
-from bench.records.run_folder import FIXED, PROTOCOL, TRUTH, open_store
+from bench.records.run_folder import FIXED, PROTOCOL, TRUTH, locked_run, open_store
 from bench.report.board import (
     HEADLINE,
     BoardCell,
@@ -86,7 +86,9 @@ def write_index(directories: Sequence[Path], out: Path | None = None) -> Path:
     _refuse_copies(runs)
     with progress("reports", len(runs)) as advance:
         for run in runs:
-            write_report(make_outputs(run), remedy="make it writable, or leave this run out")
+            remedy = "make it writable, or leave this run out"
+            with locked_run(run.directory, remedy):
+                write_report(make_outputs(run), remedy=remedy)
             advance(0)
     names = [folder.name for folder in folders]
     if len(set(names)) < len(names):
