@@ -92,9 +92,8 @@ def check(
         raise BadInput("--seed: chooses the jobs that are computed again; give --again with it")
     if options.claims and given:
         raise BadInput(f"--claims: compares with the paper; leave {', '.join(given)}")
-    directories = list(dict.fromkeys(directories))
     if options.claims:
-        _check_claims(directories, options.methods or ())
+        _check_claims(list(dict.fromkeys(directories)), options.methods or ())
         return
     if options.methods is not None:
         raise BadInput("--methods: golden values are of all methods; give --claims with it")
