@@ -217,6 +217,16 @@ def test_a_control_table_worked_by_hand():
     assert "(3 of class chair)" in table.remark
 
 
+def test_an_object_with_more_images_is_found_no_more_often():
+    """c, which is never found, has a third image: 2 of 3 objects are found, and 4 of 7 images."""
+    images = [*OFF, ("c", 2)]
+    records = [make_record(m, obj=o, view=v) for m in ("splat", "blank") for o, v in images]
+    answers = judged(images, lambda method, obj, view: seen(method, obj, min(view, 1)))
+    found = cell(controls(records, answers), method="splat", metric="retrieval")
+    assert found.value == found.failures_as_blank == pytest.approx(2 / 3)
+    assert found.n_ok == 7
+
+
 def test_failed_images_are_judged_as_blank():
     records = judged_records()
     records[:2] = [make_failed(obj="a", view=view, reason="crash") for view in (0, 1)]
