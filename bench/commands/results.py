@@ -73,6 +73,7 @@ def table(directory: RunDirectory, format_: FormatOption = None) -> None:
     from bench.commands.publish import print_outputs
     from bench.tables.build import write_outputs
 
+    read_run(directory)  # one that is refused keeps its folder as it is, without a lock
     with locked_run(directory):
         outputs = write_outputs(read_run(directory))
     print_outputs(outputs, format_)
@@ -100,8 +101,9 @@ def report(
     if len(directories) > 1:
         print(write_index(directories, out))
         return
+    made = make_outputs(read_run(directories[0]))
     with locked_run(directories[0], "give --out") if out is None else nullcontext():
-        print(write_report(make_outputs(read_run(directories[0])), out))
+        print(write_report(made, out))
 
 
 class _ComparisonFormat(StrEnum):
