@@ -101,9 +101,9 @@ def report(
     if len(directories) > 1:
         print(write_index(directories, out))
         return
-    made = make_outputs(read_run(directories[0]))
+    outputs = make_outputs(read_run(directories[0]))
     with locked_run(directories[0], "give --out") if out is None else nullcontext():
-        print(write_report(made, out))
+        print(write_report(outputs, out))
 
 
 class _ComparisonFormat(StrEnum):
