@@ -31,6 +31,11 @@ AT_ONCE = 2**16  # numbers of the resamples that are in memory: little
 NONE = float("nan"), float("nan")
 
 
+def may_miss(failed: bool, objects: int) -> bool:
+    """Return whether the interval of a method of which images failed is of too few objects."""
+    return failed and objects < FEWEST_WITH_FAILURES
+
+
 class StandardError(NamedTuple):
     """The standard error of an estimate over objects: its interval and its p value follow from it.
 

@@ -13,7 +13,7 @@ import pandas as pd
 
 from bench.analysis.comparison import ALL
 from bench.analysis.digits import decimals, is_coarse
-from bench.analysis.intervals import FEWEST
+from bench.analysis.intervals import FEWEST, may_miss
 from bench.analysis.paired import KEPT
 from bench.analysis.run_pairs import MEASURED, Differences
 from bench.catalogue.conditions import condition_name
@@ -133,13 +133,10 @@ def difference_cell(row: Row) -> Cell:
     ):
         digits += 1  # an interval that leaves out 0 does not print it
     cell = number((row["difference"], low, high), f"{{:+.{digits}f}}".format, special=special)
-    cell = unsure(cell, images_failed(row), row["objects"])
+    images_failed = bool(row["failed_a"] or row["failed_b"])
+    if may_miss(images_failed, row["objects"]):
+        cell = unsure(cell)
     return marked(replace(cell, text=values + cell.text), metric, *methods)
-
-
-def images_failed(row: Row) -> bool:
-    """Return whether images of either side failed."""
-    return bool(row["failed_a"] or row["failed_b"])
 
 
 def _who(row: Row) -> str:

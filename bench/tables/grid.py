@@ -12,7 +12,6 @@ from functools import partial
 from typing import TYPE_CHECKING, Any, NamedTuple, TypeVar
 
 from bench.analysis.digits import decimals, is_coarse
-from bench.analysis.intervals import FEWEST_WITH_FAILURES
 
 if TYPE_CHECKING:
     import pandas as pd
@@ -108,8 +107,8 @@ MOVED = "≈"  # before a value that has fewer digits
 FEWER = f"{MOVED}: fewer digits, as rounding alone moves the others"
 UNSURE = "†"  # after an interval that may well miss the true value
 FEW_FAILED = (
-    f"{UNSURE}: images failed, and objects are fewer than {FEWEST_WITH_FAILURES}; how often they "
-    "fail is known from few, and the interval may miss the true value"
+    f"{UNSURE}: images failed, and objects are few; how often images fail is hardly known, and the "
+    "interval may miss the true value"
 )
 
 
@@ -129,9 +128,9 @@ def measured(
     return marked(number(estimate, show, **beside), metric, *methods)
 
 
-def unsure(cell: Cell, failed: bool, objects: int) -> Cell:
-    """Return a cell, its interval marked where images failed on one of too few objects."""
-    if cell.interval is None or not failed or objects >= FEWEST_WITH_FAILURES:
+def unsure(cell: Cell) -> Cell:
+    """Return a cell, its interval marked as one that may well miss the true value."""
+    if cell.interval is None:
         return cell
     low, high = cell.interval
     return replace(cell, interval=(low, high + UNSURE))

@@ -18,6 +18,7 @@ from threadpoolctl import threadpool_limits
 
 from bench.analysis.comparison import NAN, is_better
 from bench.analysis.digits import decimals
+from bench.analysis.intervals import may_miss
 from bench.analysis.paper import (
     AVERAGE,
     PAPER_METHODS,
@@ -471,7 +472,7 @@ def quality_cell(row: Mapping[str, Any]) -> Cell:
     """Return the cell of a value with its interval alone."""
     estimate = row["value"], row["ci_low"], row["ci_high"]
     cell = measured(estimate, row["metric"], row["images_of"])
-    return unsure(cell, row["failed"], row["objects"])
+    return unsure(cell) if may_miss(row["failed"], row["objects"]) else cell
 
 
 def _about(rows: Sequence[Mapping[str, Any]]) -> str:

@@ -101,7 +101,7 @@ def problem(read: Any, *arguments: Any) -> str:
 
 
 MAY_LACK = {"condition_identities", "workers", "code", "git", "stage_seconds", "worker_shares"}
-MAY_LACK |= {"cluster", "entered", "merged", "truth"}
+MAY_LACK |= {"cluster", "entered", "merged", "truth", "environments"}
 
 
 def test_every_entry_of_a_manifest_has_a_type_and_few_may_lack(copied):

@@ -110,7 +110,7 @@ def test_intervals_of_few_objects_on_which_a_method_fails_are_marked(objects, ma
         for name in ("poisson", "splat")
     }
     assert ("†]" in of_method["splat"]) == marks
-    assert ("* †: images failed, and objects are fewer than 60" in text) == marks
+    assert ("* †: images failed, and objects are few;" in text) == marks
     assert "]" in of_method["poisson"]
     assert "†" not in of_method["poisson"]
 
