@@ -52,6 +52,7 @@ if __name__ == "__main__":
         draw("splta")
     except BadInput as error:
         print("refused", str(error)[:22])
+    signal.signal(signal.SIGINT, signal.default_int_handler)  # a shell's `&` has it ignored
     threading.Timer(0.2, os.kill, [os.getpid(), signal.SIGINT]).start()
     start = time.monotonic()
     try:
