@@ -244,6 +244,7 @@ def grey_module(tmp_path, monkeypatch):
     monkeypatch.chdir(folder)
     (folder / "grey_module.py").write_text(GREY)
     yield folder / "grey_module.py"
+    sys.modules.pop("grey_module", None)  # the next test has another of this name
     for cached in (module_method, source_sha256):
         cached.cache_clear()
 
