@@ -22,7 +22,7 @@ from bench.catalogue.metrics import (
 from bench.catalogue.plugins import ImageMetric, SetMetric, find_metric
 from bench.commands.options import DEVICE, Device, RunDirectory, names
 from bench.records.record import COLUMNS
-from bench.records.run_folder import open_folder
+from bench.records.run_folder import locked_run
 from bench.records.store import open_store
 from bench.tables.quality import metric_table
 from bench.tables.table import Table, write_tables
@@ -37,7 +37,7 @@ def score(directory: Path, metrics: Sequence[ImageMetric | SetMetric]) -> list[T
     gives no scores.
     """
     run = read_run(directory)
-    with open_folder(directory):
+    with locked_run(directory):
         return score_run_of(run, metrics)
 
 
@@ -80,7 +80,7 @@ def score_run(
         if line.partition(":")[0] in map(extractor_of, chosen):
             raise BadInput(f"{directory}: {line}; start the run again so, which takes it")
     further = [find_metric(metric_id, str(device)) for metric_id in chosen]
-    with open_folder(directory):
+    with locked_run(directory):
         tables = score_run_of(run, further)
     for table in tables:
         print(table.to_markdown())

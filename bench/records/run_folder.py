@@ -113,9 +113,8 @@ def _locked(directory: Path, remedy: str = _ELSEWHERE) -> Iterator[None]:
         try:
             fcntl.flock(lock, fcntl.LOCK_EX | fcntl.LOCK_NB)
         except BlockingIOError as error:
-            raise BadInput(
-                f"{directory}: another run is writing here; wait, or give --out"
-            ) from error
+            elsewhere = f", or {_ELSEWHERE}" if remedy == _ELSEWHERE else ""
+            raise BadInput(f"{directory}: another run is writing here; wait{elsewhere}") from error
         except OSError as error:
             raise BadInput(
                 f"{directory}: its file system has no locks ({error.strerror}); give --out on a "
