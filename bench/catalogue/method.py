@@ -120,7 +120,9 @@ class Method:
     @property
     def declared_files(self) -> tuple[str | Path, ...]:
         """Return its `files`, and its file of weights."""
-        return (*self.files, *([self.weights_file()] if self.weights_file else []))
+        if self.weights_file is None:
+            return tuple(self.files)
+        return (*self.files, self.weights_file())
 
     @property
     def family(self) -> str:

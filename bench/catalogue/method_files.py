@@ -82,7 +82,7 @@ def _code_in(place: Path) -> list[Path]:
 
 
 class _Source(NamedTuple):
-    """What a file of Python says of other files."""
+    """The modules and paths that a file of Python names."""
 
     imported: frozenset[str]  # the first part of the name of each module
     texts: frozenset[str]  # that may be paths

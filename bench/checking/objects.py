@@ -452,7 +452,10 @@ def _other_images(stored: Mapping[JobName, Artifact], checksums: pd.Series) -> l
 
 def _named(jobs: Sequence[JobName]) -> str:
     """Return the objects of the first jobs."""
-    return "; ".join("/".join(job.object) for job in jobs[:_WORST]) + "; ..." * (len(jobs) > _WORST)
+    named = ["/".join(job.object) for job in jobs[:_WORST]]
+    if len(jobs) > _WORST:
+        named.append("...")
+    return "; ".join(named)
 
 
 def _worst(

@@ -69,7 +69,7 @@ def test_the_order_of_the_points_does_not_matter(name: str) -> None:
 
 @pytest.mark.parametrize("name", TAKEN)
 def test_of_two_mirrored_halves_both_stay(name: str) -> None:
-    """Of 2 n points n are taken, of each half n / 2: a hypergeometric count of variance n / 8."""
+    """Each half has n / 2 of n points taken of 2 n: a hypergeometric count of variance n / 8."""
     take, most = TAKEN[name]
     taken = take(PointCloud(mirrored_table(2 * most)))
     assert abs(int((taken[:, 2] > 0).sum()) - most / 2) < DEVIATIONS * np.sqrt(most / 8)
@@ -77,7 +77,7 @@ def test_of_two_mirrored_halves_both_stay(name: str) -> None:
 
 @pytest.mark.parametrize("name", TAKEN)
 def test_of_a_height_field_all_quarters_and_all_rows_stay(name: str) -> None:
-    """Of N = 16,384 points n are taken. Of a quarter there are n / 4, with the variance
+    """Take n of N = 16,384 points. A quarter of the field has n / 4 of them, with the variance
     n (1 - n / N) 3 / 16. Each of the 128 rows keeps at least one."""
     take, most = TAKEN[name]
     x, _, y = take(PointCloud(height_field())).T

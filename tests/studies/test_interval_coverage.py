@@ -27,6 +27,6 @@ def test_the_page_states_what_other_samples_give(name, objects):
 
 
 def test_a_method_that_never_fails_on_the_sampled_objects_hides_that_it_fails():
-    """Without a failure among them, 8 objects say nothing of one in ten: .9^8 = .43 must miss."""
+    """All samples of 8 objects without a failure miss: at one in ten these are .9^8 = .43."""
     most = 1 - 0.9**8
     assert STATED["one-in-ten-fails", 8] < most + 4 * math.sqrt(most * (1 - most) / SAMPLES)

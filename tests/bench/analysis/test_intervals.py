@@ -16,6 +16,7 @@ from bench.analysis.intervals import (
     median_interval,
 )
 from bench.metrics.frechet import JackknifeMoments, centred_to_frechet, left_out_distances
+from studies.interval_coverage import SHAPES
 
 VALUES = np.array([0.3, 0.7, 0.2, 0.9, 0.45, 0.5, 0.61, 0.12])
 SKEWED = np.array([0.0, 0.01, 0.02, 0.03, 0.05, 0.1, 0.4, 2.0])
@@ -163,10 +164,10 @@ def test_without_spread_a_difference_is_certain():
 
 
 POPULATIONS = {  # scores and their true mean: skewed to either side, to the skewness of 2
-    "exponential": (lambda rng, size: rng.exponential(size=size), 1.0),
-    "near the best": (lambda rng, size: rng.beta(8, 1.2, size=size), 8 / 9.2),
-    "near the worst": (lambda rng, size: rng.beta(0.5, 2, size=size), 0.2),
-    "lognormal": (lambda rng, size: rng.lognormal(0, 0.5, size=size), np.exp(0.125)),
+    **{
+        name: SHAPES[name]
+        for name in ("exponential", "near-the-best", "near-the-worst", "lognormal-0.5")
+    },
     "of two methods": (
         lambda rng, size: rng.beta(8, 1.2, size=size) - rng.beta(6, 3, size=size),
         8 / 9.2 - 6 / 9,

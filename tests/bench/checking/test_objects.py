@@ -180,7 +180,7 @@ def test_another_environment_widens_the_tolerance(part):
 
 
 def test_a_run_of_several_environments_is_compared_by_the_wider_tolerance(part):
-    """Also where its last jobs, of which the manifest tells first, have that of the golden ones."""
+    """The tolerance is the wider one even where the last jobs have the golden environment."""
     here = environment_of(read_manifest(part))
     alter(part, {"c": -0.001})
     assert len(check(part).regressions) == 1

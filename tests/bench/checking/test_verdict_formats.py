@@ -1,4 +1,4 @@
-"""What `bench check` says, to people and to programs: one table for all its formats."""
+"""Verdicts of `bench check` for people and for programs: one table for all formats."""
 
 from __future__ import annotations
 

@@ -110,7 +110,7 @@ def test_a_link_or_a_pipe_in_the_folder_is_refused_before_any_work(
 
 @pytest.mark.parametrize("kind", ["link", "pipe"])
 def test_a_lock_that_is_no_file_is_not_opened(kind, tmp_path):
-    """Also where it is put there after the folder was looked at; a link within leads to a file."""
+    """The lock is refused even if it is put there after the folder was looked at."""
     manifest = tmp_path / "manifest.json"
     manifest.write_text(str(make_manifest()))
     if kind == "link":

@@ -1,4 +1,4 @@
-"""What is asked for twice is one thing, in whatever list of a command line it stands."""
+"""Names that a list of a command line has twice count once."""
 
 from __future__ import annotations
 

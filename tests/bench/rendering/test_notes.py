@@ -1,4 +1,4 @@
-"""What methods did to the points of a cloud, as `bench render` says it on stderr."""
+"""Notes of `bench render` on stderr: what methods did to the points of a cloud."""
 
 from __future__ import annotations
 

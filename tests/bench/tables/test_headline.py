@@ -61,7 +61,7 @@ def test_failed_images_count_as_blank_ones_and_are_named_once(tmp_path):
 
 
 def test_only_tables_of_the_run_itself_are_removed(tmp_path, capsys):
-    """Those of a set metric of `bench score` cannot be made again from the records."""
+    """A table of a set metric of `bench score` cannot be made again from the records."""
     names = {"suite": "thirteen-classes", "methods": ["splat", "blank"], "conditions": ["2048"]}
     objects = [f"{class_name}/{i}" for class_name in ("chair", "table") for i in range(3)]
     directory = write_run(tmp_path / "run", **names, objects=objects)

@@ -169,7 +169,7 @@ def test_of_more_exactly_the_most_are_taken_each_time_the_same(count: int, most:
 
 @pytest.mark.parametrize(("count", "most"), [(2**20, 2**18), (3 * 2**20 + 7, 2**20)])
 def test_no_period_and_no_part_of_the_rows_is_preferred(count: int, most: int) -> None:
-    """Of 64 interleaved lasers, and of 64 parts one after the other, each has its share.
+    """Each of 64 interleaved lasers, and of 64 parts one after the other, has its share.
 
     Without replacement the counts vary by 1 - most / count less than chi-square expects.
     """
@@ -187,7 +187,7 @@ def test_no_period_and_no_part_of_the_rows_is_preferred(count: int, most: int) -
 
 
 def test_every_row_is_as_likely_as_any_other() -> None:
-    """Of 101 to 600 points 50 are taken; those of the first half are half of them."""
+    """Take 50 of 101 to 600 points; half of them are of the first half."""
     firsts = sum(int((random_rows(n, 50) < n // 2).sum()) for n in range(102, 602, 2))
     draws = 250 * 50
     # A hypergeometric count varies less than a binomial one of as many draws.

@@ -344,7 +344,7 @@ def test_a_measurement_of_a_real_method(views):
 
 
 def test_peak_memory_is_a_high_water_mark():
-    """In a process of its own: one that has had much memory may get some of it back meanwhile."""
+    """Measure a process of its own: one that has had much memory may give some of it back."""
     code = """if True:
         import numpy as np, psutil
         from bench.suites.speed.measure import peak_mib
