@@ -177,6 +177,7 @@ FILES: dict[str, WeightFiles] = {
         {"all": "e5be7a567f234de205fa6ac03598604c5f51b0fb19e1cf56082234adba13bb33"},
         in_grey=("all",),
     ),
+    "baselines.upsampler": _files("baselines.upsampler", "upsampler", "upsampler-weights-1", {}),
     "baselines.occupancy_net": _files(
         "baselines.occupancy_net",
         "occupancy-net",

@@ -101,13 +101,18 @@ def cleaned(cloud: PointCloud, strength: float) -> _Cleaned:
     noise = strength * estimate
     if noise <= NOISY * spacing(sample):
         return _Cleaned(points, 0.0, between, notes)
-    patches = near.tree.query_ball_point(near.points, _PATCH * noise, return_length=True)
-    neighbours = int(np.clip(np.median(patches), _FEWEST, _MOST))
-    smooth = smoothed(near, neighbours, _ROUNDS)
+    smooth, neighbours = smoothed_as_asked(near, noise)
     kept = dense_part(smooth, 1 - min(LEFT_OUT * noise, MOST_LEFT_OUT), DENSITY_NEIGHBOURS)
     done = f"smoothed: {_ROUNDS} times over {neighbours} points, {len(kept)} of {len(points)} kept"
     notes = (f"noise: {estimate:.3f}", *notes, done)
     return _Cleaned(kept.astype(np.float32), noise, between, notes)
+
+
+def smoothed_as_asked(near: Nearest, noise: float) -> tuple[Floats, int]:
+    """Return points [N, 3] smoothed as their noise > 0 asks for, and over how many neighbours."""
+    patches = near.tree.query_ball_point(near.points, _PATCH * noise, return_length=True)
+    neighbours = int(np.clip(np.median(patches), _FEWEST, _MOST))
+    return smoothed(near, neighbours, _ROUNDS), neighbours
 
 
 def smoothed(near: Nearest, neighbours: int, rounds: int) -> Floats:
@@ -133,7 +138,7 @@ def _projected(points: Floats, index: NDArray[np.intp]) -> Floats:
         farthest = np.sqrt(np.maximum(squares.max(axis=1), np.finfo(np.float64).tiny))[:, None]
         weight = np.exp(-_SHARPNESS * squares / farthest**2)
         normal = _least_axes(offsets, weight)
-        along = _perpendicular(normal)
+        along = perpendicular(normal)
         axes = np.stack([normal, along, np.cross(normal, along)]) / farthest
         height, a, b = (x * n[:, :1] + y * n[:, 1:2] + z * n[:, 2:] for n in axes)
         terms = np.stack([np.ones_like(a), a, b, a * a, a * b, b * b], axis=1)
@@ -243,7 +248,7 @@ def _least_axes(offsets: tuple[Floats, Floats, Floats], weight: Floats) -> Float
     return smallest_eigenpairs(np.stack(upper, axis=1))[1]
 
 
-def _perpendicular(vectors: Floats) -> Floats:
+def perpendicular(vectors: Floats) -> Floats:
     """Return unit vectors at right angles to unit vectors [n, 3]."""
     across = np.cross(vectors, np.eye(3)[np.abs(vectors).argmin(axis=1)])
     return across / np.linalg.norm(across, axis=1, keepdims=True)

@@ -90,6 +90,12 @@ OCCUPANCY_NET = _NetworkPackage(
     3,
     "bench train occupancy-net",
 )
+UPSAMPLER = _NetworkPackage(
+    "baselines.upsampler",
+    ("embreex", "pymeshlab", "scipy", "torch", "trimesh"),
+    1,
+    "bench train upsampler",
+)
 
 
 # A change of the meshes of denoised-wrap, which it sees too, raises its version.

@@ -28,6 +28,7 @@ _WITH_WEIGHTS_FILE = {
     "splat-net": loaders.SPLAT_NET,
     "fused-net": loaders.FUSED_NET,
     "occupancy-net": loaders.OCCUPANCY_NET,
+    "upsampled-wrap": loaders.UPSAMPLER,
 }
 _BY_HAND: dict[str, dict[str, Any]] = {  # what rows cannot say
     "open3d-poisson": {"identity": loaders.open3d_identity},

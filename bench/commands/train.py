@@ -137,6 +137,14 @@ TRAININGS: dict[str, tuple[str, dict[str, str | OptionSpec]]] = {
         "Train the occupancy network on labelled places; the shapes have to be closed.",
         TRAIN_OPTIONS | _COOLED_OPTIONS,
     ),
+    "upsampler": (
+        "Train the up-sampler, which moves places near a cloud onto its surface.",
+        {
+            name: spec
+            for name, spec in (TRAIN_OPTIONS | _COOLED_OPTIONS).items()
+            if name != "augment"
+        },
+    ),
     "decoder": (
         "Train a decoder from codes to clouds, for the suite latent.",
         {

@@ -29,6 +29,10 @@ from baselines.splat_net.losses import OBJECTIVES, FeatureMaps
 from baselines.splat_net.network import COLOUR_HEADS, DEFAULT, NETWORKS, Material, NetworkConfig
 from baselines.splat_net.start import grey_beside, read_start
 from baselines.splat_net.train import SplatNetTrainer
+from baselines.upsampler import weights as upsampler_weights
+from baselines.upsampler.config import UpsamplerTrainingConfig
+from baselines.upsampler.data import upsampler_set
+from baselines.upsampler.train import UpsamplerTrainer
 from bench.metrics.inception_weights import WeightsUnavailable
 from bench.training import efficientnet
 from bench.training.options import DEFAULT_OBJECTS
@@ -179,6 +183,14 @@ def _occupancy_net(options: Any) -> Path:
     return _exported(checkpoint, options.out / "weights.safetensors", occupancy_net_weights.export)
 
 
+def _upsampler(options: Any) -> Path:
+    objects = training_objects(options)
+    data = upsampler_set(objects, quiet=not is_first())
+    config = _config(UpsamplerTrainingConfig, options)
+    checkpoint = _train(UpsamplerTrainer, data, config, options, objects)
+    return _exported(checkpoint, options.out / "weights.safetensors", upsampler_weights.export)
+
+
 def _decoder(options: Any) -> Path:
     """Train on the procedural train chairs."""
     count = DEFAULT_OBJECTS if options.objects is None else options.objects
@@ -200,6 +212,7 @@ _TRAININGS = {
     "splat-net": _splat_net,
     "fused-net": _fused_net,
     "occupancy-net": _occupancy_net,
+    "upsampler": _upsampler,
     "decoder": _decoder,
 }
 

@@ -12,6 +12,7 @@ from typing import Any, Literal
 from baselines.fused_net.config import FusedNetConfig
 from baselines.occupancy_net.config import OccupancyNetConfig
 from baselines.splat_net.config import SplatNetConfig
+from baselines.upsampler.config import UpsamplerTrainingConfig
 from learning.configuration import TimeLimit
 from pc2pix.training_configs import AutoencoderConfig, DecoderConfig, GanConfig
 
@@ -92,5 +93,6 @@ OPTIONS: dict[str, type[Any]] = {
         meshes=(tuple[str, ...], ("denoised-wrap", "occupancy-net")),
     ),
     "occupancy-net": _options_of("occupancy-net", OccupancyNetConfig),
+    "upsampler": _options_of("upsampler", UpsamplerTrainingConfig),
     "decoder": _options_of("decoder", DecoderConfig, weights=(str, "chair")),
 }

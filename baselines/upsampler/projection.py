@@ -1,0 +1,81 @@
+"""The surface that the network sees in a cloud: places near it are moved onto it.
+
+This is what all that draws by the network needs. Filling up a cloud moves places around its points;
+a mesh is laid onto the surface by its corners, and told where it faces by the middles of its faces.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import numpy as np
+import torch
+from numpy.typing import NDArray
+from scipy.spatial import cKDTree
+
+from baselines.upsampler.network import Surroundings, Upsampler
+from baselines.upsampler.surroundings import places_around, surroundings
+from data_prep.arrays import Floats
+from data_prep.failures import StageFailure
+from data_prep.scene import Points
+
+# Spacings from the nearest point: the network was shown places up to two along the surface.
+_NEAR = 2.5
+
+
+@dataclass(frozen=True, eq=False)
+class Projected:
+    """Places on the surface.
+
+    points   float32 [Q, 3]
+    normals  float32 [Q, 3], unit vectors of any sign
+    near     bool [Q]: whether a point of the cloud is near the place; others are left where they
+             are, with the normal of the nearest point
+    """
+
+    points: NDArray[np.float32]
+    normals: NDArray[np.float32]
+    near: NDArray[np.bool_]
+
+
+class LearnedSurface:
+    """The surface of a cloud by a network.
+
+    network  in evaluation mode
+    points   different, finite points [N, 3], N > 1
+
+    spacing  the median spacing of the points, smoothed where they are noisy
+    notes    what was done to them
+    """
+
+    def __init__(self, network: Upsampler, points: Points) -> None:
+        self.network = network
+        device = next(network.parameters()).device
+        seen, self.notes = surroundings(points)
+        self.spacing = float(seen.radius.median())
+        self.tree = cKDTree(seen.points.numpy())
+        self.seen = Surroundings(**{name: value.to(device) for name, value in vars(seen).items()})
+        with torch.inference_mode():
+            self.features = network.encode(self.seen)
+
+    def upsampled(self, count: int) -> Projected:
+        """Return `count` places around each point, [N * count, 3], moved onto the surface."""
+        return self.project(places_around(self.seen, count).cpu().numpy())
+
+    def project(self, places: Points | Floats) -> Projected:
+        """Return places [Q, 3] moved onto the surface.
+
+        Raises StageFailure("up-sampling", ...) where one is not finite afterwards.
+        """
+        distance, nearest = self.tree.query(places)
+        given = torch.from_numpy(np.asarray(places, np.float32)).to(self.features.device)
+        index = torch.from_numpy(nearest).to(given.device)
+        with torch.inference_mode():
+            moved, normals = self.network.project(self.seen, self.features, given, index)
+        near = torch.from_numpy(distance).to(index.device) <= _NEAR * self.seen.radius[index]
+        points = torch.where(near[:, None], moved, given)
+        told = torch.where(near[:, None], normals, self.seen.frames[index, 2])
+        bad = int((~torch.cat([points, told], dim=1).isfinite()).any(dim=1).sum())
+        if bad:
+            raise StageFailure("up-sampling", f"{bad} of {len(points)} points are not finite")
+        return Projected(*(values.cpu().numpy() for values in (points, told, near)))

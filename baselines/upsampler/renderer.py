@@ -1,0 +1,95 @@
+"""upsampled-wrap as a method of the benchmark: an alpha wrap, laid onto the learned surface.
+
+The cloud is filled up, so that a ball of little more than its spacing gets in nowhere, and wrapped.
+The wrap says what hangs together, and is coarse. Its faces are divided until they are as small as
+the image shows, their corners moved onto the surface, and then moved a little more, so that the
+faces look where the network says that the surface looks: flat sides become flat and creases sharp.
+"""
+
+from __future__ import annotations
+
+import numpy as np
+import torch
+from numpy.typing import NDArray
+
+from baselines.reconstruction.alpha_wrap import MOST_POINTS, wrapped
+from baselines.reconstruction.stages import (
+    FOOTPRINT,
+    DrawsReconstruction,
+    Reconstruction,
+    in_grey,
+    used_points,
+)
+from baselines.reconstruction.surface import NORMAL_NEIGHBOURS
+from baselines.upsampler.projection import LearnedSurface
+from data_prep.arrays import Floats
+from data_prep.scene import Mesh, PointCloud
+from learning.exact import exact_inference
+from learning.weights import NetworkWeights
+
+POINTS_FOR_ONE = 16
+_BALL = 1.6  # radius, in spacings of the cloud: smaller ones leak, larger ones close gaps
+_OFFSET = FOOTPRINT / 4  # of the wrap from the points; the corners are moved back anyway
+_FACE = 1.0  # footprints: edges of faces are divided until they are shorter
+_MOST_DIVISIONS = 3
+_ROUNDS = 10  # in which corners follow the normals; more change nothing
+
+
+class UpsampledWrapRenderer(DrawsReconstruction):
+    """A `data_prep.scene.Renderer` of the surface that the network sees in a cloud.
+
+    weights  trained network of `baselines.upsampler.weights.load_weights`; moved to `device`
+    device   PyTorch's name of the device
+    """
+
+    def __init__(self, weights: NetworkWeights, *, device: str = "cpu") -> None:
+        self.weights = weights
+        self.network = weights.network.to(torch.device(device))
+
+    @exact_inference()
+    def prepare(self, cloud: PointCloud, rng: np.random.Generator | None = None) -> Reconstruction:
+        """Find the surface; no randomness, and the order of the points does not matter.
+
+        Raises StageFailure: `input` (fewer than 11 different points in sight, or a non-finite one),
+        `up-sampling` (the network gives a place that is not finite) or `alpha-wrap` (MeshLab
+        refuses, or there is no face).
+        """
+        del rng
+        points, notes = used_points(cloud, NORMAL_NEIGHBOURS + 1, MOST_POINTS, "surfaces")
+        surface = LearnedSurface(self.network, points)
+        dense = surface.upsampled(POINTS_FOR_ONE)
+        wrap = wrapped(dense.points, _BALL * surface.spacing, _OFFSET)
+        return Reconstruction(laid_onto(surface, wrap.mesh), (*notes, *surface.notes, *wrap.notes))
+
+
+def laid_onto(surface: LearnedSurface, mesh: Mesh) -> Mesh:
+    """Return a closed mesh near a surface, in grey, its faces divided and laid onto it."""
+    from trimesh.remesh import subdivide
+
+    vertices, faces = mesh.vertices.astype(np.float64), mesh.faces
+    for _ in range(_MOST_DIVISIONS):
+        edges = np.linalg.norm(vertices[faces] - vertices[np.roll(faces, 1, axis=1)], axis=2)
+        if np.median(edges) <= _FACE * FOOTPRINT:
+            break
+        vertices, faces = subdivide(vertices, faces)[:2]
+    vertices = surface.project(vertices).points.astype(np.float64)
+    normals = surface.project(vertices[faces].mean(axis=1)).normals
+    return in_grey(turned_faces(vertices, faces, normals.astype(np.float64)), faces)
+
+
+def turned_faces(vertices: Floats, faces: NDArray[np.integer], normals: Floats) -> Floats:
+    """Return vertices [V, 3] moved so that faces [F, 3] have given unit normals [F, 3].
+
+    In each round a vertex moves by the mean of its ways onto the planes through the middles of its
+    faces (Sun et al., Fast and effective feature-preserving mesh denoising, IEEE TVCG 13(5), 2007).
+    The signs of the normals do not matter; a mesh that has these normals stays as it is.
+    """
+    count = len(vertices)
+    uses = np.bincount(faces.ravel(), minlength=count).clip(1)[:, None]
+    for _ in range(_ROUNDS):
+        corners = vertices[faces]
+        height = ((corners.mean(axis=1)[:, None] - corners) * normals[:, None]).sum(axis=2)
+        moves = (height[..., None] * normals[:, None]).reshape(-1, 3)
+        sums = [np.bincount(faces.ravel(), move, count) for move in moves.T]
+        vertices = vertices + np.stack(sums, axis=1) / uses
+    return vertices

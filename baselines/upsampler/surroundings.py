@@ -1,0 +1,84 @@
+"""What the network sees around the points of a cloud, and the places around them that it moves.
+
+A noisy cloud is smoothed first, as `denoised-wrap` does it (`baselines.reconstruction.denoised`):
+the network corrects what that leaves.
+"""
+
+from __future__ import annotations
+
+import numpy as np
+import torch
+from torch import Tensor
+
+from baselines.neighbourhoods import fit_planes
+from baselines.reconstruction.denoised import (
+    NOISY,
+    noise_scale,
+    perpendicular,
+    searched,
+    smoothed_as_asked,
+)
+from baselines.reconstruction.stages import Nearest, spacing
+from baselines.upsampler.network import Surroundings
+from data_prep.arrays import Floats
+from data_prep.scene import Points
+
+# Of the neighbours of a point by distance: its nearest, and a few as far away as noise makes one
+# look (at 10 % and 2,048 points a standard deviation is as far as the 20th, three as the 180th).
+RANKS = (*range(1, 9), 11, 15, 20, 27, 36, 48, 64, 88)
+_SPACING_NEIGHBOURS = 16  # as of `spacing`
+# Of the disc around a point that is filled up, in spacings: points that are drawn independently
+# leave gaps as wide as that.
+_DISC = 2.0
+_GOLDEN_ANGLE = np.pi * (3 - np.sqrt(5))
+
+
+def surroundings(points: Points) -> tuple[Surroundings, tuple[str, ...]]:
+    """Return what the network sees around different, finite points [N, 3], N > 1, and notes.
+
+    The notes say how noisy points were smoothed. Fewer points than the network looks at stand for
+    one another: the farthest is repeated.
+    """
+    near, sample = searched(points)
+    noise = noise_scale(sample)
+    raw, notes = near.points, ()
+    if noise > NOISY * spacing(sample):
+        smooth, neighbours = smoothed_as_asked(near, noise)
+        near = Nearest(smooth)
+        notes = (f"noise: {noise:.3f}", f"smoothed: over {neighbours} points")
+    smooth = near.points
+    distance, index = near.within(RANKS[-1] + 1)
+    last = index.shape[1] - 1
+    radius = distance[:, min(_SPACING_NEIGHBOURS - 1, last)] / 2
+    normal = next(fit_planes(smooth, (1,))).normals
+    seen = Surroundings(
+        _float32(smooth),
+        _float32(smooth - raw),
+        _float32(_frames(normal)),
+        _float32(radius),
+        _float32(noise / radius),
+        torch.from_numpy(index[:, np.minimum(RANKS, last)].astype(np.int64)),
+    )
+    return seen, notes
+
+
+def places_around(seen: Surroundings, count: int) -> Tensor:
+    """Return `count` places around each point, in its tangent plane, [N * count, 3].
+
+    They fill a disc evenly, in the order of a sunflower's seeds (Vogel 1979).
+    """
+    number = np.arange(count)
+    distance, angle = _DISC * np.sqrt((number + 0.5) / count), number * _GOLDEN_ANGLE
+    spiral = np.column_stack([distance * np.cos(angle), distance * np.sin(angle)])
+    steps = _float32(spiral).to(seen.frames) @ seen.frames[:, :2]  # [N, count, 3]
+    return (seen.points[:, None] + steps * seen.radius[:, None, None]).flatten(0, 1)
+
+
+def _frames(normal: Floats) -> Floats:
+    """Return frames [N, 3, 3] whose last rows are unit normals [N, 3], and the others tangents."""
+    first = perpendicular(normal)
+    return np.stack([first, np.cross(normal, first), normal], axis=1)
+
+
+def _float32(array: Floats) -> Tensor:
+    return torch.from_numpy(array.astype(np.float32))
