@@ -52,7 +52,7 @@ class LearnedSurface:
         self.network = network
         device = next(network.parameters()).device
         seen, self.notes = surroundings(points)
-        self.spacing = float(seen.radius.median())
+        self.spacing = float(np.median(seen.radius.numpy()))
         self.tree = cKDTree(seen.points.numpy())
         self.seen = Surroundings(**{name: value.to(device) for name, value in vars(seen).items()})
         with torch.inference_mode():

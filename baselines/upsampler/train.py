@@ -44,7 +44,8 @@ class UpsamplerTrainer(CooledTrainer):
         super().__init__(data, config, *place)
         self.data = data
         count = len(data.places)
-        held_out = torch.arange(min(_HELD_OUT, count - 1)) * count // _HELD_OUT
+        validated = min(_HELD_OUT, count - 1)
+        held_out = torch.arange(validated) * count // validated
         kept = torch.ones(count, dtype=torch.bool)
         kept[held_out] = False
         self.held_out, self.trained_on = held_out.tolist(), kept.nonzero()[:, 0]

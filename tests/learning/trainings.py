@@ -28,6 +28,12 @@ from baselines.splat_net import weights as splat_net
 from baselines.splat_net.config import SplatNetConfig
 from baselines.splat_net.network import NetworkConfig
 from baselines.splat_net.train import SplatNetTrainer
+from baselines.upsampler import weights as upsampler
+from baselines.upsampler.config import UpsamplerTrainingConfig
+from baselines.upsampler.data import UpsamplerSet, joined
+from baselines.upsampler.network import UpsamplerConfig
+from baselines.upsampler.surroundings import surroundings
+from baselines.upsampler.train import UpsamplerTrainer
 from bench.judges.judge import JudgeNetwork, load_judge_network
 from bench.judges.views import Labels, ViewsNetwork, load_views_network, to_file
 from bench.training.classifier import CosineTrainer, JudgeConfig
@@ -53,6 +59,7 @@ TINY = ModelConfig(width=0.0625, latent_dim=4)
 PAIRED = ModelConfig(width=0.0625, latent_dim=4, encoder="pointnet", azimuth="sine-cosine")
 SMALL = NetworkConfig(widths=(4, 6, 8, 10, 12))
 SMALL_FUSED = replace(SMALL, inputs=replace(SMALL.inputs, meshes=("denoised-wrap",)))
+SMALL_UPSAMPLER = UpsamplerConfig(width=6, rounds=1, heads=2)
 SMALL_OCCUPANCY = OccupancyConfig(resolution=8, widths=(4, 6), hidden=5, blocks=1)
 
 
@@ -124,6 +131,25 @@ def occupancy_net_parts(_):
     return make_occupancy(), {"network": SMALL_OCCUPANCY, "batch": 2, "cool_down": 2}, {}
 
 
+def make_upsampler(objects=3, places=40):
+    """Clouds of 20 points and more at random; places, and targets above them by half a unit."""
+    rng = np.random.default_rng(6)
+    clouds = [
+        surroundings(rng.uniform(-1, 1, (20 + i, 3)).astype(np.float32))[0] for i in range(objects)
+    ]
+    first = torch.tensor([0, *(len(cloud.points) for cloud in clouds)]).cumsum(0)
+    nearest = torch.from_numpy(rng.integers(20, size=(objects, places)))
+    spots = torch.stack([cloud.points[i] for cloud, i in zip(clouds, nearest, strict=True)])
+    up = torch.tensor([0.0, 0.5, 0.0])
+    return UpsamplerSet(
+        joined(clouds), first, spots, nearest, spots + up, (2 * up).expand_as(spots)
+    )
+
+
+def upsampler_parts(_):
+    return make_upsampler(), {"network": SMALL_UPSAMPLER, "batch": 2, "cool_down": 2}, {}
+
+
 def judge_parts(_):
     rng = np.random.default_rng(3)
     painted, neutral = rng.integers(0, 256, (2, 4, 2, 128, 128), dtype=np.uint8)
@@ -190,6 +216,9 @@ TRAININGS = {
         FusedNetTrainer, FusedNetConfig, fused_net_parts, sheet=(2 * 128, 3 * 128)
     ),
     "occupancy-net": Training(OccupancyNetTrainer, OccupancyNetConfig, occupancy_net_parts),
+    "upsampler": Training(
+        UpsamplerTrainer, UpsamplerTrainingConfig, upsampler_parts, sheet=None
+    ),
     "judge": Training(JudgeTrainer, JudgeConfig, judge_parts, sheet=None, lengthens=False),
     "views": Training(ViewsTrainer, JudgeConfig, views_parts, sheet=None, lengthens=False),
 }  # fmt: skip
@@ -258,6 +287,9 @@ KINDS = {
     ),
     "occupancy-net": Kind(
         "occupancy-net", occupancy_net.export, occupancy_net.load_weights, "answer.bias", "network"
+    ),
+    "upsampler": Kind(
+        "upsampler", upsampler.export, upsampler.load_weights, "answer.bias", "network"
     ),
     "judge": Kind(
         "", write_judge, load_judge_network, "view.bias",

@@ -1,0 +1,68 @@
+from __future__ import annotations
+
+import dataclasses
+
+import torch
+
+from baselines.upsampler.config import UpsamplerTrainingConfig
+from baselines.upsampler.network import Upsampler
+from baselines.upsampler.train import UpsamplerTrainer, turned_at_random
+from tests.baselines.clouds import lattice_sphere
+from tests.baselines.upsampler.test_network import SMALL, see
+from tests.learning.trainings import CADENCE, make_upsampler
+
+
+def build(data, **changes):
+    defaults = {"network": SMALL, "batch": 3, "cool_down": 2, "cadence": CADENCE}
+    return UpsamplerTrainer(data, UpsamplerTrainingConfig(**{**defaults, **changes}))
+
+
+def test_the_loss_is_the_distance_in_spacings_and_the_sine_of_normals_of_the_network_before():
+    """With heights of noise 0 .. 2 spacings its weight falls from 1 to 1/5."""
+    trainer = build(make_upsampler())
+    state = trainer.random.get_state()
+    losses = trainer.take_step()
+    trainer.random.set_state(state)
+    fresh = build(make_upsampler())
+    chosen = fresh.trained_on[torch.randint(len(fresh.trained_on), (3,), generator=fresh.random)]
+    distances, sines = [], []
+    untrained = Upsampler(SMALL).requires_grad_(False)
+    for i in chosen.tolist():
+        seen, places, nearest, targets, normals = fresh._batch([i], 0)
+        points, told = untrained(seen, places, nearest)
+        distances.append((points - targets).norm(dim=1) / seen.radius[nearest])
+        sines.append(1 - (told * normals).sum(dim=1) ** 2)
+    distance = torch.cat(distances)
+    # distances are rounded off at 0, by .02 of a spacing at most
+    assert abs(float(losses["distance"]) - float(distance.mean())) < 0.02
+    torch.testing.assert_close(losses["normals"], torch.cat(sines).mean(), rtol=1e-4, atol=1e-5)
+    assert losses["validation"].isfinite()
+
+
+def test_held_out_clouds_are_not_trained_on():
+    trainer = build(make_upsampler(objects=5))
+    assert not set(trainer.held_out) & set(trainer.trained_on.tolist())
+    assert len(trainer.held_out) + len(trainer.trained_on) == 5
+
+
+def test_a_batch_of_clouds_is_what_each_is_alone():
+    trainer = build(make_upsampler())
+    network = trainer.network
+    torch.nn.init.normal_(network.answer.weight)
+    with torch.no_grad():
+        points, _ = network(*trainer._batch([0, 2], 0)[:3])
+        alone = [network(*trainer._batch([i], 0)[:3])[0] for i in (0, 2)]
+    torch.testing.assert_close(points, torch.cat(alone), rtol=0, atol=1e-5)
+
+
+def test_frames_are_turned_about_their_normals_of_either_sign():
+    seen = see(lattice_sphere(500))
+    turned = turned_at_random(seen, torch.Generator().manual_seed(0))
+    frames = turned.frames
+    torch.testing.assert_close(frames @ frames.mT, torch.eye(3).expand(500, 3, 3))
+    torch.testing.assert_close(torch.linalg.det(frames), torch.ones(500))
+    same = (frames[:, 2] * seen.frames[:, 2]).sum(dim=1)
+    torch.testing.assert_close(same.abs(), torch.ones(500))
+    assert 0.4 < float((same > 0).float().mean()) < 0.6
+    assert (frames[:, 0] * seen.frames[:, 0]).sum(dim=1).std() > 0.6  # of all angles: .71
+    assert dataclasses.replace(turned, frames=seen.frames).points is seen.points
