@@ -177,7 +177,12 @@ FILES: dict[str, WeightFiles] = {
         {"all": "e5be7a567f234de205fa6ac03598604c5f51b0fb19e1cf56082234adba13bb33"},
         in_grey=("all",),
     ),
-    "baselines.upsampler": _files("baselines.upsampler", "upsampler", "upsampler-weights-1", {}),
+    "baselines.upsampler": _files(
+        "baselines.upsampler",
+        "upsampler",
+        "upsampler-weights-1",
+        {"all": "85fb1aedd07f29c1cec65556486da4b16327742b0d9e2b3f4dbfe460f5b66bbb"},
+    ),
     "baselines.occupancy_net": _files(
         "baselines.occupancy_net",
         "occupancy-net",
