@@ -9,6 +9,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from bench.metrics.flip import flip
+from bench.metrics.invented import invented_holes, invented_parts
 from bench.metrics.multiscale_similarity import ms_ssim
 from bench.metrics.peak_signal_to_noise import psnr
 from bench.metrics.silhouette import Pairs, overlap
@@ -43,6 +44,8 @@ FURTHER_SCORES: Mapping[str, _Score] = {
     "flip": flip,
     "dists": _dists,
     "st-lpips": _st_lpips,
+    "invented-holes": invented_holes,
+    "invented-parts": invented_parts,
 }
 
 

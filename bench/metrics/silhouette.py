@@ -124,3 +124,15 @@ def overlap(a: Masks, b: Masks) -> NDArray[np.float64]:
     both = np.count_nonzero(a & b, axis=(1, 2))
     either = np.count_nonzero(a | b, axis=(1, 2))
     return np.where(either == 0, 1.0, both / np.maximum(either, 1))
+
+
+def large_groups(masks: Masks, least: int) -> Masks:
+    """Return the pixels of masks [N, H, W] that lie in connected groups of at least `least`."""
+    from scipy.ndimage import label
+
+    large = masks.copy()
+    for mask in large:
+        groups, _ = label(mask, np.ones((3, 3)))  # pixels that touch at a corner are connected
+        sizes = np.bincount(groups.ravel())
+        mask &= sizes[groups] >= least
+    return large

@@ -25,7 +25,7 @@ from typing import NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
-from bench.metrics.silhouette import Masks, Pairs, foreground
+from bench.metrics.silhouette import Masks, Pairs, foreground, large_groups
 
 _LEAST_GROUP = 8  # pixels
 _EVALUATED_WITHIN = 2  # pixels from a thin one
@@ -74,14 +74,7 @@ def _evaluated(shown: Masks) -> Masks:
 
 def thin(silhouettes: Masks) -> Masks:
     """Return the pixels of silhouettes [N, H, W] that belong to parts thinner than 4 px."""
-    from scipy.ndimage import label
-
-    lost = silhouettes & ~_opened(silhouettes)
-    for mask in lost:
-        groups, _ = label(mask, np.ones((3, 3)))  # pixels that touch at a corner are connected
-        sizes = np.bincount(groups.ravel())
-        mask &= sizes[groups] >= _LEAST_GROUP
-    return lost
+    return large_groups(silhouettes & ~_opened(silhouettes), _LEAST_GROUP)
 
 
 def _opened(masks: Masks) -> Masks:

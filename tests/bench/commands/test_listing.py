@@ -55,7 +55,8 @@ def test_without_all_methods_to_choose_from_and_metrics_that_suites_show(command
     assert methods[0] == RECOMMENDED
     assert sorted(methods) == sorted(CHOOSE_FOR)
     metrics = [name for name in METRICS if any(name in suite.metrics for suite in SUITES)]
-    assert {*BY_SECTION["metrics"]} - {*metrics} == {"ms-ssim", "flip", "dists", "st-lpips"}
+    on_request = {"ms-ssim", "flip", "dists", "st-lpips", "invented-holes", "invented-parts"}
+    assert {*BY_SECTION["metrics"]} - {*metrics} == on_request
     assert [name for name in sections.pop("metrics") if name in METRICS] == metrics
     assert sections == {title: BY_SECTION[title] for title in ("suites", "conditions")}
     assert all(text in out for text in CHOOSE_FOR.values())
@@ -83,7 +84,7 @@ def test_metrics_say_which_way_is_better_and_which_are_in_the_headline():
     better = dict(re.findall(r"^[* ] (\S+) +(higher|lower) ", "\n".join(lines), re.MULTILINE))
     assert list(better) == BY_SECTION["metrics"]
     higher = {"ssim", "retrieval", "ms-ssim"}
-    lower = {"lpips", "fd-views", "flip", "dists", "st-lpips", "kd-alexnet"}
+    lower = {"lpips", "fd-views", "flip", "dists", "st-lpips", "kd-alexnet", "invented-holes"}
     assert {better[name] for name in higher} == {"higher"}
     assert {better[name] for name in lower} == {"lower"}
 

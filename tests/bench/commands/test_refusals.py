@@ -303,7 +303,7 @@ CASES: dict[str, str] = {
     "score run --metrics fid": "run: fid: not measured, not here; start the run again so, which ta",
     "score run --metrics kid": "run: fid: not measured, not here; start the run again so, which ta",
     "score run --metrics cw-ssim": "metric 'cw-ssim' went with version 2.0: use st-lpips, which ",
-    "score run": "no installed package adds a metric; give --metrics ms-ssim,flip,dists,st-lpips, ",
+    "score run": "no installed package adds a metric; give --metrics ms-ssim,flip,dists,st-lpips,",
     # --- files of options, and manifests to repeat
     f"{ROBUSTNESS} --config module.toml": "foreign:METHOD: is of a module, which only a command li",
     "run --config misspelt.toml": "unknown option 'metods': did you mean 'methods'",

@@ -39,6 +39,7 @@ CODE_LENGTH = 18 * 2.0**-24  # half of the 32 roundings of a sum of squares, a r
 COARSEST = 0.2363 / (0.0448 + 0.2856 + 0.3001 + 0.2363)  # weight of the fourth scale of MS-SSIM
 FLIP_WHITE_BLACK = 0.967388  # of every pixel, printed by the tool `flip` of the package, 1.7
 THIN = ("thin-recall", "thin-precision")
+INVENTED = ("invented-holes", "invented-parts")
 SSIMS = (*SSIM, "ssim-object")
 NETWORKS = {
     "lpips in float64": lpips,
@@ -180,6 +181,7 @@ VALUES = [  # metrics, images, value, tolerance
     ("ms-ssim", (stripes(0), stripes(16)), 0.0, 0.0),  # structure is negative
     ("ms-ssim", (noise(2, 11), 255 - noise(2, 11)), 0.0, 0.0),  # in the one scale of small images
     *((m, (flat(0, 0), flat(0, 0)), 1.0, 0.0) for m in (*THIN, "silhouette-iou", JUDGE)),  # none
+    *((m, (flat(0, 0), flat(0, 0)), 0.0, 0.0) for m in INVENTED),
     *((m, (x[:, 40:80, 40:80],) * 2, 0.0, 0.0) for m in DISTANCES for x in (noise(1), LEG, BLACK)),
     # Codes of length 1, and finite angles.
     *((JUDGE, (x, x), 1.0, CODE_LENGTH) for x in (BLACK, WHITE, LEG, noise(5))),
@@ -197,7 +199,16 @@ OF_PIXELS = ("ms-ssim", "flip")
 OF_OBJECTS = ("ssim-object", *THIN, "silhouette-iou")
 BY_NETWORKS = ("fd-views", "fd-views-grey", JUDGE)
 OF_DISTANCES = ("lpips", "lpips of vgg", "dists", "st-lpips")
-EVERY = (*SSIM, "psnr", *OF_PIXELS, *OF_OBJECTS, *BY_NETWORKS, "fd-alexnet", *OF_DISTANCES)
+EVERY = (
+    *SSIM,
+    "psnr",
+    *OF_PIXELS,
+    *OF_OBJECTS,
+    *INVENTED,
+    *BY_NETWORKS,
+    "fd-alexnet",
+    *OF_DISTANCES,
+)
 CHANNELS_4 = np.zeros((2, 128, 128, 4), np.uint8)
 SIZES = (BLACK[:, :64], BLACK[:, :, :64], BLACK[..., :1], BLACK[0])  # that the judges do not take
 X = np.random.default_rng(1).standard_normal((8, 4))
@@ -214,7 +225,7 @@ REFUSED = [  # metrics, images, part of the message
     *((EVERY, x, "images must be uint8") for x in NOT_UINT8),
     *((PARTS, x, f"must be uint8 (range 0..255), got {x[0].dtype}") for x in NOT_UINT8[:3]),
     ((*SSIM, *OF_OBJECTS, *BY_NETWORKS, "dists"), (LEG[0],) * 2, "[128, 128, 3]"),
-    ((*SSIM, *OF_OBJECTS), (LEG[0, :, :, 0],) * 2, "[128, 128]"),
+    ((*SSIM, *OF_OBJECTS, *INVENTED), (LEG[0, :, :, 0],) * 2, "[128, 128]"),
     (BY_NETWORKS, (LEG[0, :, :, 0],) * 2, "images must be uint8 ["),
     ((*BY_NETWORKS, *OF_DISTANCES), (CHANNELS_4,) * 2, "images must be uint8 ["),
     *(
@@ -223,10 +234,10 @@ REFUSED = [  # metrics, images, part of the message
     ),
     (("flip",), (CHANNELS_4,) * 2, "images must be [N, H, W, 3]"),
     ((*SSIM, "psnr", *OF_PIXELS, *OF_DISTANCES), (flat(0, side=64), BLACK), "the same shape"),
-    (OF_OBJECTS, (flat(0, side=64), BLACK), "of truths [1, 64, 64, 3]"),
+    ((*OF_OBJECTS, *INVENTED), (flat(0, side=64), BLACK), "of truths [1, 64, 64, 3]"),
     (OF_FEATURES[:2], (flat(0, side=64), BLACK), "[1, 64, 64, 3]"),
     ((*SSIM, "psnr", *OF_DISTANCES), (BLACK, flat(0, 2)), "the same shape"),
-    (OF_OBJECTS, (BLACK, flat(0, 2)), "of truths [1, 128, 128, 3]"),
+    ((*OF_OBJECTS, *INVENTED), (BLACK, flat(0, 2)), "of truths [1, 128, 128, 3]"),
     ((*SSIMS, "psnr", *OF_PIXELS), (flat(0, 0), flat(0, 0)), "nothing to compare"),
     ((*SSIMS, "psnr", *THIN), (BLACK[..., :0], BLACK[..., :0]), "nothing to compare"),
     (("st-lpips",), (BLACK[:, :20],) * 2, "of 21 x 21 pixels or more"),

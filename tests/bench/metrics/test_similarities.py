@@ -11,6 +11,7 @@ from itertools import pairwise
 import numpy as np
 import pytest
 import torch
+from scipy.ndimage import distance_transform_edt
 from skimage.io import imread
 from skimage.metrics import peak_signal_noise_ratio
 
@@ -193,6 +194,16 @@ def flip_of_its_package(truth, drawn):
     return near.mean(dtype=np.float64)
 
 
+def hole_in_one_piece(truth, drawn):
+    far_inside = distance_transform_edt((truth < 255).any(axis=-1)) >= 3
+    return np.count_nonzero(far_inside & (drawn == 255).all(axis=-1))
+
+
+def part_in_one_piece(truth, drawn):
+    far_outside = distance_transform_edt((truth == 255).all(axis=-1)) >= 3
+    return np.count_nonzero(far_outside & (drawn < 255).any(axis=-1))
+
+
 OURS = (*IMAGE_METRICS, *FURTHER_METRICS)
 ON_WHITE = "disc 30 grey 150/white"
 # By id: two images, what others have measured of them, and how far float32 may be off.
@@ -204,6 +215,8 @@ BY_ID = {
     "flip": (*IMAGES[ON_WHITE], flip_of_its_package, 1e-5),
     "dists": (*IMAGES[ON_WHITE], DISTS[ON_WHITE], 1e-5),
     "st-lpips": (*IMAGES[ON_WHITE], ST_LPIPS[ON_WHITE], 1e-5),
+    "invented-holes": (disc(20, 80), disc(10, 80), hole_in_one_piece, 0),
+    "invented-parts": (disc(10, 80), disc(20, 80), part_in_one_piece, 0),
 }
 
 
