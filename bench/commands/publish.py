@@ -30,7 +30,7 @@ from bench.report.run_figures import (
 from bench.running.merge import Merged, merge
 from bench.running.options import Options, device_of
 from bench.running.run import RunResult, run
-from bench.tables.build import Outputs, paper_values, write_outputs
+from bench.tables.build import Outputs, paper_values, write_outputs, write_tails
 from bench.tables.latex import PREAMBLE
 from bench.tables.markdown import visible
 from bench.tables.table import TABLES, Table
@@ -77,7 +77,7 @@ def publish(
             tables = score_run_of(outputs.run, further)
         again = {table.name for table in tables}  # scored before, and now once more
         before = (table for table in outputs.tables if table.name not in again)
-        outputs = replace(outputs, tables=(*before, *tables))
+        outputs = replace(outputs, tables=(*before, *tables), tails=write_tails(outputs.run))
     with timed("figures", seconds):
         _write_figures(directory, outputs.run.suite, outputs, stored_artifacts(directory))
     return outputs

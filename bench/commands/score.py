@@ -24,6 +24,7 @@ from bench.commands.options import DEVICE, Device, RunDirectory, names
 from bench.records.record import COLUMNS
 from bench.records.run_folder import locked_run
 from bench.records.store import open_store
+from bench.tables.build import write_tails
 from bench.tables.quality import metric_table
 from bench.tables.table import Table, write_tables
 from data_prep.failures import BadInput
@@ -33,16 +34,22 @@ from data_prep.plugins import announced
 def score(directory: Path, metrics: Sequence[ImageMetric | SetMetric]) -> list[Table]:
     """Write a table for each metric into `directory`/tables as metric_ID.csv and .md; return all.
 
-    Raises BadInput for a folder without a finished run, missing images, and where a metric fails or
-    gives no scores.
+    The last is the table of tails, where the run was scored by its metrics, now or before. Raises
+    BadInput for a folder without a finished run, missing images, and where a metric fails or gives
+    no scores.
     """
-    run = read_run(directory)
-    with locked_run(directory):
-        return score_run_of(run, metrics)
+    return _score(read_run(directory), metrics)
+
+
+def _score(run: Run, metrics: Sequence[ImageMetric | SetMetric]) -> list[Table]:
+    """Return `score` of a run that has been read."""
+    with locked_run(run.directory):
+        tables, tails = score_run_of(run, metrics), write_tails(run)
+    return tables if tails is None else [*tables, tails]
 
 
 def score_run_of(run: Run, metrics: Sequence[ImageMetric | SetMetric]) -> list[Table]:
-    """Return `score` of a run whose folder is locked, and write its tables."""
+    """Write the tables of metrics of a run whose folder is locked, and return them."""
     for metric in metrics:
         if column(metric.id) in COLUMNS:
             raise BadInput(
@@ -80,7 +87,5 @@ def score_run(
         if line.partition(":")[0] in map(extractor_of, chosen):
             raise BadInput(f"{directory}: {line}; start the run again so, which takes it")
     further = [find_metric(metric_id, str(device)) for metric_id in chosen]
-    with locked_run(directory):
-        tables = score_run_of(run, further)
-    for table in tables:
+    for table in _score(run, further):
         print(table.to_markdown())

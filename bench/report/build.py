@@ -88,7 +88,8 @@ def read_page(made: Outputs) -> dict[str, Any]:
         points = places(by_cost, views, verdicts)
         costed = cost_grid(by_cost, of_cost[0], views, verdicts)
     unfolded = (made.condition_sweep, made.orderings)
-    tables = [t for t in (made.condition_sweep, *made.tables, made.orderings) if t is not None]
+    every = (made.condition_sweep, *made.tables, made.tails, made.orderings)
+    tables = [table for table in every if table is not None]
     arguments = ["bench", *map(str, manifest.get("command", [])[1:])]
     glossary = _glossary(manifest, suite, made.tables)
     return {

@@ -17,6 +17,7 @@ from bench.analysis.orderings import orderings
 from bench.analysis.paired import verdicts_of
 from bench.analysis.paper import Published
 from bench.analysis.scored_run import Run
+from bench.analysis.tails import INVENTED, tail_images, tail_rows
 from bench.catalogue.images import ENTERED
 from bench.catalogue.suites import Suite
 from bench.records.frames import scored_metrics
@@ -36,6 +37,7 @@ from bench.tables.quality import (
     metric_table_name,
 )
 from bench.tables.table import Table, of_protocol, remove_stale, write_tables
+from bench.tables.tails import TAILS, tails_table
 from data_prep.files.atomic_write import write_whole
 
 COST = "cost.md"
@@ -106,6 +108,26 @@ def frontier_tables(run: Run) -> tuple[Table, Table] | None:
     return _of_run(run, by_cost), _of_run(run, points_table(points, fewer))
 
 
+def tails(run: Run) -> Table | None:
+    """Return the worst images of each method; None without the scores of invented holes or parts.
+
+    They are metrics on request, so that a run has the table once it was scored by one of them.
+    """
+    if not {*INVENTED} & {*scored_metrics(run.directory)}:
+        return None
+    images = tail_images(run)
+    rows = tail_rows(images, run.suite.id)
+    return _of_run(run, tails_table(rows)) if {*INVENTED} & {*rows["metric"]} else None
+
+
+def write_tails(run: Run) -> Table | None:
+    """Return `tails` of a run whose folder is locked, and write the table where there is one."""
+    table = tails(run)
+    if table is not None:
+        write_tables(run.directory, [table])
+    return table
+
+
 @dataclass(frozen=True)
 class Outputs:
     """The tables of a run, by the functions of the same names."""
@@ -113,6 +135,7 @@ class Outputs:
     run: Run
     headline: Table
     tables: tuple[Table, ...]
+    tails: Table | None
     cost: str
     frontier_tables: tuple[Table, Table] | None
     orderings: Table | None
@@ -121,8 +144,8 @@ class Outputs:
 
     @property
     def further(self) -> list[Table]:
-        """Return the tables that only some suites have."""
-        optional = (*(self.frontier_tables or ()), self.orderings, self.condition_sweep)
+        """Return the tables that only some runs have."""
+        optional = (*(self.frontier_tables or ()), self.orderings, self.condition_sweep, self.tails)
         return [table for table in optional if table is not None]
 
 
@@ -132,6 +155,7 @@ def make_outputs(run: Run) -> Outputs:
         run,
         headline=headline(run),
         tables=(*tables(run), *further_tables(run)),
+        tails=tails(run),
         cost=cost_table(run),
         frontier_tables=frontier_tables(run),
         orderings=class_orderings(run),
@@ -147,7 +171,7 @@ def write_outputs(run: Run) -> Outputs:
     write_tables(run.directory, written)
     of_suite = (spec.name for spec in run.suite.tables)
     of_images = map(metric_table_name, scored_metrics(run.directory))
-    remove_stale(run.directory, written, [HEADLINE, *of_suite, *of_images])
+    remove_stale(run.directory, written, [HEADLINE, TAILS, *of_suite, *of_images])
     write_whole(run.directory / COST, outputs.cost.encode())
     return outputs
 

@@ -116,6 +116,18 @@ def test_failed_images_are_scored_as_blank_ones(copied):
     assert (row.value, row.failures_as_blank, row.n_ok, row.n) == (0, 1 / 3, 4, 6)
 
 
+@pytest.mark.usefixtures("few_objects")
+def test_the_worst_images_follow_the_metrics_that_they_are_told_by(copied, command):
+    status, out, _ = command("score", copied, "--metrics", "invented-parts")
+    assert status == 0
+    heads = [line for line in out.splitlines() if line.startswith("# ")]
+    assert [head.partition(":")[0] for head in heads] == ["# invented-parts, version 1", "# Tails"]
+    shown = out.partition("## Images with an invented part")[2]
+    # Noise moves splats off the object; nothing is drawn beside it without.
+    splat = next(line for line in shown.splitlines() if line.startswith("| splat |"))
+    assert splat == "| splat | 0.0 6/6 | 100.0 6/6 |"
+
+
 def test_a_taken_name_and_images_that_are_gone_are_refused(copied):
     taken = made(lambda truth, drawn: None, "silhouette-iou")
     with pytest.raises(BadInput, match="metric 'silhouette-iou': the records have a column of"):
@@ -144,13 +156,14 @@ def test_a_metric_whose_package_is_absent_is_skipped_and_the_others_are_not(copi
 def test_a_run_takes_metrics_on_request(arguments, copied, command):
     """No job is done again; table, report, output and what the run repeats have the metric."""
     records = (copied / "records.parquet").read_bytes()
-    asked = "flip"
+    asked = "flip,invented-holes"
     options = ("--metrics", asked, "--format", "csv", "--out", copied)
     status, out, err = command(*arguments, *options)
     assert status == 0, err
     assert "0 jobs done" in err
     assert ",flip,0.000000," in out  # of true-mesh
-    assert (copied / "tables" / "metric_flip.csv").is_file()
+    assert ",true-mesh,2048,chair,invented-holes,images-percent,0.000000,6,6," in out
+    assert {"metric_flip.csv", "tails.csv"} < {path.name for path in (copied / "tables").iterdir()}
     assert read_config(copied / "manifest.json")["metrics"] == asked
     assert (copied / "records.parquet").read_bytes() == records
 
