@@ -96,10 +96,11 @@ MEASUREMENTS: Mapping[str, QuotedRun] = {
         copied=(("table5_orderings", "thirteen-classes-orderings"),),
     ),
     "real-meshes-grey": QuotedRun(
-        f"{_ON_MESHES} --truth grey --methods {_CLASSICAL},occupancy-net,splat,pc2pix,pc2pix@all,"
-        f"{GREY},blank",
+        f"{_ON_MESHES} --truth grey --metrics invented-holes,invented-parts "
+        f"--methods {_CLASSICAL},occupancy-net,splat,pc2pix,pc2pix@all,{GREY},blank",
         (*_COMPARED_IN_GREY, "pc2pix@all"),
         FIRST,
+        (("tails", "real-meshes-grey-tails"),),
     ),
     "real-meshes-coloured": QuotedRun(
         f"{_REAL} --conditions 2048,noise-0.10 --views 4 --methods alpha-wrap,denoised-wrap,"
