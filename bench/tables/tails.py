@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Container, Iterator, Mapping
+from collections.abc import Container, Iterator, Mapping
 from functools import partial
 from typing import Any
 
@@ -16,7 +16,6 @@ from bench.tables.grid import (
     BEST,
     Block,
     Cell,
-    Grid,
     measured,
     pivot,
     records,
@@ -27,15 +26,16 @@ from bench.tables.quality import best_printed
 from bench.tables.table import Table
 
 TAILS = "tails"
-_MEANING = {
-    "lpips": "mean lpips of the worst 1 % of the images",
-    "invented-holes": "images with an invented hole, in per cent",
-    "invented-parts": "images with an invented part, in per cent",
-}
-_WORST = {
-    "lpips": "the image with the highest lpips",
-    "invented-holes": "the image with the most pixels of invented holes",
-    "invented-parts": "the image with the most pixels of invented parts",
+_TOLD = {  # the captions of the values of a metric, and of the worst images by it
+    "lpips": ("mean lpips of the worst 1 % of the images", "the image with the highest lpips"),
+    "invented-holes": (
+        "images with an invented hole, in per cent",
+        "the image with the most pixels of invented holes",
+    ),
+    "invented-parts": (
+        "images with an invented part, in per cent",
+        "the image with the most pixels of invented parts",
+    ),
 }
 _REMARK = (
     "Images count, those of all classes together, where other tables have means over objects. The "
@@ -56,38 +56,23 @@ def _layout(frame: pd.DataFrame) -> Iterator[Block]:
     """Yield for each metric the grid of its values, and that of the worst images."""
     yield _REMARK
     for metric, of_metric in frame.groupby("metric", sort=False):
-        meaning, worst = _MEANING[str(metric)], _WORST[str(metric)]
-        yield f"## {meaning.capitalize()}"
-        yield _values(of_metric, f"{meaning} (lower is better)")
-        yield f"## {worst.capitalize()}"
-        yield _by_cell(of_metric, _worst, worst)
-
-
-def _values(frame: pd.DataFrame, caption: str) -> Grid:
-    rows = [row | {"images_of": row["method"]} for row in records(frame)]
-    notes = [
-        f"{row['method']} at {row['condition']}: {scored}"
-        for row in rows
-        if (scored := scored_as_blank(row["n_ok"], row["n"]))
-    ]
-    return _by_cell(
-        *(pd.DataFrame(rows), partial(_value, best=best_printed(rows)), caption),
-        notes=tuple(notes),
-    )
-
-
-def _by_cell(
-    frame: pd.DataFrame, cell: Callable[[Mapping[str, Any]], Cell], caption: str, **more: Any
-) -> Grid:
-    """Return a grid with methods down and conditions across; `more` are further fields of it."""
-    return pivot(
-        *(frame, "method", "condition", cell),
-        corner="method",
-        about=lambda rows: role(rows[0]["method"]),
-        caption=caption,
-        higher=False,
-        **more,
-    )
+        rows = records(of_metric.assign(images_of=of_metric["method"]))
+        failed = [row for row in rows if row["n_ok"] < row["n"]]
+        notes = tuple(
+            f"{row['method']} at {row['condition']}: {scored_as_blank(row['n_ok'], row['n'])}"
+            for row in failed
+        )
+        cells = ((partial(_value, best=best_printed(rows)), notes), (_worst, ()))
+        for caption, (cell, below) in zip(_TOLD[str(metric)], cells, strict=True):
+            yield f"## {caption.capitalize()}"
+            yield pivot(
+                *(of_metric, "method", "condition", cell),
+                corner="method",
+                about=lambda of_method: role(of_method[0]["method"]),
+                caption=caption,
+                notes=below,
+                higher=False,
+            )
 
 
 def _value(row: Mapping[str, Any], best: Container[tuple[str, str, str]]) -> Cell:

@@ -129,7 +129,7 @@ def test_what_people_see(scored):
 
 def test_the_report_shows_the_table(scored, tmp_path):
     text = write_report(make_outputs(read_run(scored)), tmp_path / "a.html").read_text("utf-8")
-    assert "images with an invented hole, in per cent (lower is better)" in text
+    assert "<span>images with an invented hole, in per cent</span>" in text
     assert "chair/b, view 0: 310 px" in text
 
 
