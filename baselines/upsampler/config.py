@@ -29,7 +29,7 @@ class UpsamplerTrainingConfig:
     steps: int = 100_000
     cool_down: int = 4000
     batch: int = 2
-    learning_rate: float = 1e-3
+    learning_rate: float = 3e-3
     ema_decay: float = 0.998
     precision: Precision = "float32"
     seed: int = 0

@@ -1,6 +1,6 @@
 """The data of the training: noisy clouds, places near them, and the nearest points of the surface.
 
-Everything but the frames' free turns is made once, as a cloud takes a fifth of a second.
+A cloud takes a fifth of a second, so all are made once.
 """
 
 from __future__ import annotations
@@ -13,6 +13,7 @@ import torch
 from scipy.spatial import cKDTree
 from torch import Tensor
 
+from baselines.reconstruction.denoised import perpendicular
 from baselines.upsampler.network import Surroundings
 from baselines.upsampler.surroundings import surroundings
 from data_prep.arrays import Floats
@@ -113,8 +114,11 @@ def _places(seen: Surroundings, rng: np.random.Generator) -> Floats:
     distance = rng.choice(_ASIDE, PLACES) * np.sqrt(rng.random(PLACES))
     angle = 2 * np.pi * rng.random(PLACES)
     height = rng.normal(size=PLACES) * rng.choice(_ABOVE, PLACES)
-    steps = np.column_stack([distance * np.cos(angle), distance * np.sin(angle), height])
-    offset = np.einsum("qk,qkc->qc", steps, seen.frames[point].numpy())
+    normal = seen.normals[point].numpy().astype(np.float64)
+    first = perpendicular(normal)
+    axes = (first, np.cross(normal, first), normal)
+    steps = (distance * np.cos(angle), distance * np.sin(angle), height)
+    offset = sum(step[:, None] * axis for step, axis in zip(steps, axes, strict=True))
     return seen.points[point].numpy() + offset * seen.radius[point].numpy()[:, None]
 
 

@@ -1,28 +1,33 @@
 """The network: it moves places near a cloud onto the surface, and tells the normals there.
 
-Points exchange what they know with their neighbours in a few rounds (edge convolutions: Wang et
-al., Dynamic graph CNN for learning on point clouds, ACM TOG 38(5), 2019). A place asks the points
-around it, and weighs their answers by attention. Everything is measured in the frame of a point and
-in units of the spacing there, so that neither where an object is, nor how it is turned, nor how
-large it is, nor what it is, makes a difference.
+Each point has a plane, and hears of those around it in a few rounds. In a round a small perceptron
+looks at each pair of neighbours, by numbers that no turn and no sign of a normal changes, and says
+how much the one moves and tilts the plane of the other (edge convolutions: Wang et al., Dynamic
+graph CNN for learning on point clouds, ACM TOG 38(5), 2019; vectors moved by learned multiples of
+offsets: Satorras et al., E(n) equivariant graph neural networks, ICML 2021). A place is then moved
+onto the planes of the points around it, each by a learned share: at a crease those of its own side.
 
-The answer is a correction of a classical estimate: the planes of the points around the place,
-averaged. Without training the correction is 0.
+So where an object is, how it is turned, how large it is and what it is makes no difference. Before
+training all learned multiples are 0, and what is left is a classical estimate: the average of the
+planes around a place, by distance.
 """
 
 from __future__ import annotations
 
 from dataclasses import dataclass
+from typing import NamedTuple
 
 import torch
 from torch import Tensor, nn
+from torch.nn import functional
 
-ASKED = 8  # points around a place that answer: its nearest point, and the nearest to that one
+ASKED = 12  # points around a place that answer: its nearest point, and the nearest to that one
 _NODE = 2  # numbers that a point starts from: noise, and how far it was moved against it
-_EDGE = 17  # numbers that relate a point to a neighbour
-_PLACE = 13  # numbers that relate a place to a point
+_PAIR = 8  # numbers that relate two points, or a place and a point
 _PLACES_TOGETHER = 2**10  # what they take stays in a processor's cache
 _NOISE_UNIT = 3.0  # spacings: noise of 10 % at 2,048 points
+_BENT = 0.04  # squared spacings: products of heights below this are hardly told apart
+_TINY = 1e-8  # squared spacings: a distance has a gradient at 0, too
 
 
 @dataclass(frozen=True)
@@ -31,12 +36,10 @@ class UpsamplerConfig:
 
     width   features of a point
     rounds  times that points hear of their neighbours
-    heads   of the attention of a place
     """
 
-    width: int = 64
-    rounds: int = 3
-    heads: int = 4
+    width: int = 48
+    rounds: int = 5
 
 
 DEFAULT = UpsamplerConfig()
@@ -48,19 +51,47 @@ class Surroundings:
 
     points      float32 [N, 3]: the cloud, smoothed where it is noisy
     moved       float32 [N, 3]: by how much smoothing has moved them
-    frames      float32 [N, 3, 3]: rows are two tangents and the normal, of any sign
+    normals     float32 [N, 3]: of the planes of their nearest neighbours, of any sign
     radius      float32 [N], > 0: the spacing of the points there, the unit of length
     noise       float32 [N], >= 0: standard deviation of the noise, in that unit
-    neighbours  int64 [N, K], K >= ASKED: indices of points, the nearest first, itself not among
+    neighbours  int64 [N, K], K >= ASKED - 1: indices of points, the nearest first, itself not among
                 them
     """
 
     points: Tensor
     moved: Tensor
-    frames: Tensor
+    normals: Tensor
     radius: Tensor
     noise: Tensor
     neighbours: Tensor
+
+
+class Encoded(NamedTuple):
+    """The points after all rounds: features [N, C], and their planes, by point and normal [N, 6].
+
+    seen  what the network was shown
+    """
+
+    features: Tensor
+    planes: Tensor
+    seen: Surroundings
+
+
+class _Pairs(NamedTuple):
+    """Pairs of a plane and K others [Q, K], in units of the spacing at the one.
+
+    offset   [Q, K, 3]: from the one to the others
+    normals  [Q, K, 3]: of the others
+    height   [Q, K]: of the others above the plane of the one
+    back     [Q, K]: of the one above the planes of the others
+    cosine   [Q, K]: between the normals
+    """
+
+    offset: Tensor
+    normals: Tensor
+    height: Tensor
+    back: Tensor
+    cosine: Tensor
 
 
 class _Round(nn.Module):
@@ -71,16 +102,32 @@ class _Round(nn.Module):
         self.norm = nn.LayerNorm(width)
         self.here = nn.Linear(width, width)
         self.there = nn.Linear(width, width, bias=False)
-        self.edge = nn.Linear(_EDGE, width, bias=False)
+        self.pair = nn.Linear(_PAIR, width, bias=False)
         self.message = nn.Linear(width, width)
         self.out = nn.Linear(width, width)
+        self.multiples = _zeros(width, 5)
 
-    def forward(self, features: Tensor, edges: Tensor, neighbours: Tensor) -> Tensor:
-        """Return features [N, C] of features [N, C] and edges [N, K, E]."""
+    def forward(
+        self, features: Tensor, planes: Tensor, seen: Surroundings, also: Tensor
+    ) -> tuple[Tensor, Tensor]:
+        """Return features [N, C] and planes [N, 6] of those before; `also` [N, K, 3] of pairs."""
+        pairs = _pairs(planes[:, :3], planes[:, 3:], _of(planes, seen.neighbours), seen.radius)
         normal = self.norm(features)
-        heard = _of(self.there(normal), neighbours) + self.here(normal)[:, None]
-        heard = (heard + self.edge(edges)).relu()
-        return features + self.out(self.message(heard).amax(dim=1).relu())
+        heard = _of(self.there(normal), seen.neighbours) + self.here(normal)[:, None]
+        heard = (heard + self.pair(_invariants(pairs, also))).relu()
+        message = self.message(heard).relu()
+        onto, up, along, beside, slope = self._multiples(message)
+        normals, offset = pairs.normals, pairs.offset
+        move = _sum(onto * pairs.back, normals) + _sum(along, offset)
+        move = move + (up * pairs.height).sum(dim=1, keepdim=True) * planes[:, 3:]
+        tilt = _sum(beside * pairs.cosine.sign(), normals) + _sum(slope * pairs.height, offset)
+        place = planes[:, :3] + move * seen.radius[:, None]
+        turned = functional.normalize(planes[:, 3:] + tilt, dim=1)
+        return features + self.out(message.amax(dim=1)), torch.cat([place, turned], dim=1)
+
+    def _multiples(self, message: Tensor) -> tuple[Tensor, ...]:
+        """Return five learned numbers for each pair, [N, K] each: shares of a mean over K."""
+        return (self.multiples(message).float() / message.shape[1]).unbind(dim=2)
 
 
 class Upsampler(nn.Module):
@@ -94,86 +141,88 @@ class Upsampler(nn.Module):
         self.rounds = nn.ModuleList(_Round(width) for _ in range(config.rounds))
         self.norm = nn.LayerNorm(width)
         self.asked = nn.Linear(width, width)
-        self.place = nn.Linear(_PLACE, width, bias=False)
-        self.value = nn.Linear(width, width)
-        self.weight = nn.Linear(width, config.heads)
+        self.place = nn.Linear(_PAIR, width, bias=False)
         self.inner = nn.Linear(width, width)
-        self.answer = nn.Linear(width, 6)
-        nn.init.zeros_(self.answer.weight)
-        nn.init.zeros_(self.answer.bias)
+        self.others = nn.Linear(width, width)
+        self.answer = _zeros(width, 7)
 
     def forward(self, seen: Surroundings, places: Tensor, nearest: Tensor) -> tuple[Tensor, Tensor]:
         """Return places [Q, 3] moved onto the surface, and unit normals [Q, 3] of any sign.
 
         `nearest` [Q] is the index of the nearest point of each.
         """
-        return self.project(seen, self.encode(seen), places, nearest)
+        return self.project(self.encode(seen), places, nearest)
 
-    def encode(self, seen: Surroundings) -> Tensor:
-        """Return features [N, C] of the points."""
-        edges = _edges(seen)
-        moved = _dot(seen.frames[:, 2], seen.moved) / seen.radius
-        features = self.enter(torch.stack([seen.noise / _NOISE_UNIT, moved], dim=1))
+    def encode(self, seen: Surroundings) -> Encoded:
+        """Return the points after all rounds."""
+        moved = _dot(seen.normals, seen.moved).abs() / seen.radius
+        noise = seen.noise / _NOISE_UNIT
+        near = seen.neighbours
+        larger = (_of(seen.radius, near) / seen.radius[:, None]).log()
+        also = torch.stack([larger, _of(moved, near), noise[:, None].expand_as(larger)], dim=2)
+        features = self.enter(torch.stack([noise, moved], dim=1))
+        planes = torch.cat([seen.points, seen.normals], dim=1)
         for heard in self.rounds:
-            features = heard(features, edges, seen.neighbours)
-        return self.asked(self.norm(features))
+            features, planes = heard(features, planes, seen, also)
+        return Encoded(self.asked(self.norm(features)), planes, seen)
 
-    def project(
-        self, seen: Surroundings, features: Tensor, places: Tensor, nearest: Tensor
-    ) -> tuple[Tensor, Tensor]:
-        """Return what `forward` does, from the features of `encode`."""
-        parts = [
-            self._project(seen, features, some, near)
-            for some, near in zip(
-                places.split(_PLACES_TOGETHER), nearest.split(_PLACES_TOGETHER), strict=True
-            )
-        ]
+    def project(self, cloud: Encoded, places: Tensor, nearest: Tensor) -> tuple[Tensor, Tensor]:
+        """Return what `forward` does, of points that `encode` has returned."""
+        together = zip(places.split(_PLACES_TOGETHER), nearest.split(_PLACES_TOGETHER), strict=True)
+        parts = [self._project(cloud, some, near) for some, near in together]
         moved, normals = zip(*parts, strict=True)
         return torch.cat(moved), torch.cat(normals)
 
-    def _project(
-        self, seen: Surroundings, features: Tensor, places: Tensor, nearest: Tensor
-    ) -> tuple[Tensor, Tensor]:
+    def _project(self, cloud: Encoded, places: Tensor, nearest: Tensor) -> tuple[Tensor, Tensor]:
+        seen = cloud.seen
         asked = torch.cat([nearest[:, None], seen.neighbours[nearest, : ASKED - 1]], dim=1)
-        frame, radius = seen.frames[nearest], seen.radius[nearest]
-        offset = places[:, None] - _of(seen.points, asked)
-        normals = _of(seen.frames[:, 2], asked)
-        relation = _relation(seen, frame, radius, offset, asked)
-        inner = (_of(features, asked) + self.place(relation)).relu()
-        weight = self.weight(inner).softmax(dim=1)  # [Q, A, heads]
-        value = self.value(inner).unflatten(2, (self.config.heads, -1))
-        heard = (value * weight[..., None]).sum(dim=1).flatten(1).relu()
-        answer = self.answer(self.inner(heard).relu()).float()
-        onto, normal = _planes(frame[:, 2], radius, offset, normals)
-        move = onto + _turned_back(frame, answer[:, :3]) * radius[:, None]
-        normal = normal + _turned_back(frame, answer[:, 3:])
-        return places + move, nn.functional.normalize(normal, dim=1)
+        radius, planes = seen.radius[nearest], _of(cloud.planes, asked)
+        own = planes[:, 0, 3:]
+        pairs = _pairs(places, own, planes, radius)
+        larger = (_of(seen.radius, asked) / radius[:, None]).log()
+        above = _dot(pairs.offset - pairs.offset[:, :1], own[:, None]).abs()
+        noise = (seen.noise[nearest] / _NOISE_UNIT)[:, None].expand_as(larger)
+        known = _invariants(pairs, torch.stack([larger, above, noise], dim=2))
+        inner = self.inner((_of(cloud.features, asked) + self.place(known)).relu())
+        inner = (inner + self.others(inner.amax(dim=1).relu())[:, None]).relu()
+        near, alike, onto, along, up, beside, slope = self.answer(inner).float().unbind(dim=2)
+        squares = _dot(pairs.offset, pairs.offset)
+        onto, along, up, beside, slope = (a / ASKED for a in (onto, along, up, beside, slope))
+        # A height above a plane is `back`; to move onto it is to go so far against its normal.
+        move = _sum((onto - (near - squares).softmax(dim=1)) * pairs.back, pairs.normals)
+        move = move + _sum(along, pairs.offset)
+        move = move + (up * pairs.height).sum(dim=1, keepdim=True) * own
+        share = ((alike - squares).softmax(dim=1) + beside) * pairs.cosine.sign()
+        normal = _sum(share, pairs.normals) + _sum(slope * pairs.height, pairs.offset)
+        return places + move * radius[:, None], functional.normalize(normal, dim=1)
 
 
-def _edges(seen: Surroundings) -> Tensor:
-    """Return what relates each point to its neighbours, [N, K, E]."""
-    near, radius = seen.neighbours, seen.radius
-    offset = _of(seen.points, near) - seen.points[:, None]
-    relation = _relation(seen, seen.frames, radius, offset, near)
-    moved = _of(seen.moved, near) @ seen.frames.mT / radius[:, None, None]
-    larger = (_of(radius, near) / radius[:, None]).log()[..., None]
-    return torch.cat([relation, moved, larger], dim=2)
+def _zeros(width: int, numbers: int) -> nn.Linear:
+    """Return a layer that gives 0 before it is trained."""
+    layer = nn.Linear(width, numbers)
+    nn.init.zeros_(layer.weight)
+    nn.init.zeros_(layer.bias)
+    return layer
 
 
-def _relation(
-    seen: Surroundings, frames: Tensor, radius: Tensor, offset: Tensor, others: Tensor
-) -> Tensor:
-    """Return what relates places to points, or points to points, [Q, K, 13].
+def _pairs(place: Tensor, normal: Tensor, others: Tensor, radius: Tensor) -> _Pairs:
+    """Return the pairs of places [Q, 3] and normals [Q, 3] with planes [Q, K, 6]."""
+    offset = (others[..., :3] - place[:, None]) / radius[:, None, None]
+    normals, own = others[..., 3:], normal[:, None]
+    return _Pairs(offset, normals, _dot(offset, own), -_dot(offset, normals), _dot(normals, own))
 
-    This is the offset [Q, K, 3] in the frame of the place [Q, 3, 3], the normal and a tangent of
-    the others [Q, K] in it, the offset in the frame of the other, and the distance.
+
+def _invariants(pairs: _Pairs, also: Tensor) -> Tensor:
+    """Return numbers about pairs [Q, K, 8] that no turn and no sign of a normal changes.
+
+    They are distance, both heights, cosine, three that are given, and how much the surface bends
+    between the two: the product of their heights, of which the sign tells a bend from a step.
     """
-    offset = offset / radius[:, None, None]
-    first, second, normal = (_of(axis, others) for axis in seen.frames.unbind(dim=1))
-    here = [vectors @ frames.mT for vectors in (offset, normal, first)]
-    there = [_dot(offset, axis) for axis in (first, second, normal)]
-    distance = _dot(offset, offset).sqrt()
-    return torch.cat([*here, torch.stack([*there, distance], dim=2)], dim=2)
+    bend = pairs.cosine * pairs.height * pairs.back
+    distance = (_dot(pairs.offset, pairs.offset) + _TINY).sqrt()
+    numbers = [distance, pairs.height.abs(), pairs.back.abs(), pairs.cosine.abs()]
+    numbers.append(bend / (bend.abs() + _BENT).sqrt())
+    return torch.cat([torch.stack(numbers, dim=2), also], dim=2)
 
 
 def _of(rows: Tensor, index: Tensor) -> Tensor:
@@ -187,18 +236,6 @@ def _dot(first: Tensor, second: Tensor) -> Tensor:
     return a + b + c
 
 
-def _planes(
-    normal: Tensor, radius: Tensor, offset: Tensor, normals: Tensor
-) -> tuple[Tensor, Tensor]:
-    """Return the way onto the average plane of points around, and its normal, [Q, 3] each."""
-    squares = _dot(offset, offset) / radius[:, None].square()
-    weight = (-squares).softmax(dim=1)
-    height, same = _dot(offset, normals), _dot(normals, normal[:, None]).sign()
-    shares = torch.stack([-weight * height, weight * same], dim=1)
-    onto, average = (shares @ normals).unbind(dim=1)
-    return onto, average
-
-
-def _turned_back(frames: Tensor, vectors: Tensor) -> Tensor:
-    """Return vectors [..., 3], which are in frames [..., 3, 3], as they are outside of them."""
-    return (frames * vectors[..., None]).sum(dim=-2)
+def _sum(multiples: Tensor, vectors: Tensor) -> Tensor:
+    """Return the sums [Q, 3] of multiples [Q, K] of vectors [Q, K, 3]."""
+    return (multiples[:, None] @ vectors)[:, 0]

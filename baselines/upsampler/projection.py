@@ -56,7 +56,7 @@ class LearnedSurface:
         self.tree = cKDTree(seen.points.numpy())
         self.seen = Surroundings(**{name: value.to(device) for name, value in vars(seen).items()})
         with torch.inference_mode():
-            self.features = network.encode(self.seen)
+            self.encoded = network.encode(self.seen)
 
     def upsampled(self, count: int) -> Projected:
         """Return `count` places around each point, [N * count, 3], moved onto the surface."""
@@ -68,13 +68,13 @@ class LearnedSurface:
         Raises StageFailure("up-sampling", ...) where one is not finite afterwards.
         """
         distance, nearest = self.tree.query(places)
-        given = torch.from_numpy(np.asarray(places, np.float32)).to(self.features.device)
+        given = torch.from_numpy(np.asarray(places, np.float32)).to(self.seen.points.device)
         index = torch.from_numpy(nearest).to(given.device)
         with torch.inference_mode():
-            moved, normals = self.network.project(self.seen, self.features, given, index)
+            moved, normals = self.network.project(self.encoded, given, index)
         near = torch.from_numpy(distance).to(index.device) <= _NEAR * self.seen.radius[index]
         points = torch.where(near[:, None], moved, given)
-        told = torch.where(near[:, None], normals, self.seen.frames[index, 2])
+        told = torch.where(near[:, None], normals, self.seen.normals[index])
         bad = int((~torch.cat([points, told], dim=1).isfinite()).any(dim=1).sum())
         if bad:
             raise StageFailure("up-sampling", f"{bad} of {len(points)} points are not finite")

@@ -54,7 +54,7 @@ def surroundings(points: Points) -> tuple[Surroundings, tuple[str, ...]]:
     seen = Surroundings(
         _float32(smooth),
         _float32(smooth - raw),
-        _float32(_frames(normal)),
+        _float32(normal),
         _float32(radius),
         _float32(noise / radius),
         torch.from_numpy(index[:, np.minimum(RANKS, last)].astype(np.int64)),
@@ -70,14 +70,11 @@ def places_around(seen: Surroundings, count: int) -> Tensor:
     number = np.arange(count)
     distance, angle = _DISC * np.sqrt((number + 0.5) / count), number * _GOLDEN_ANGLE
     spiral = np.column_stack([distance * np.cos(angle), distance * np.sin(angle)])
-    steps = _float32(spiral).to(seen.frames) @ seen.frames[:, :2]  # [N, count, 3]
+    normals = seen.normals.cpu().numpy().astype(np.float64)
+    tangent = perpendicular(normals)
+    tangents = _float32(np.stack([tangent, np.cross(normals, tangent)], axis=1))
+    steps = (_float32(spiral) @ tangents).to(seen.points)  # [N, count, 3]
     return (seen.points[:, None] + steps * seen.radius[:, None, None]).flatten(0, 1)
-
-
-def _frames(normal: Floats) -> Floats:
-    """Return frames [N, 3, 3] whose last rows are unit normals [N, 3], and the others tangents."""
-    first = perpendicular(normal)
-    return np.stack([first, np.cross(normal, first), normal], axis=1)
 
 
 def _float32(array: Floats) -> Tensor:

@@ -60,7 +60,6 @@ class UpsamplerTrainer(CooledTrainer):
         objects = self.trained_on[chosen].tolist()
         first = int(torch.randint(self._last_start() + 1, (), generator=self.random))
         seen, *labelled = self._batch(objects, first)
-        seen = turned_at_random(seen, self.random)
         with self.autocast():
             distance, sine = self._errors(self.network, seen, *labelled)
         weight = 1 / (1 + _NOISE_COUNTS * seen.noise[labelled[1]])
@@ -109,17 +108,6 @@ class UpsamplerTrainer(CooledTrainer):
         rest = (values[objects, some] for values in (data.places, data.targets, data.normals))
         places, targets, normals = (values.flatten(0, 1) for values in rest)
         return seen, places, nearest.flatten(), targets, normals
-
-
-def turned_at_random(seen: Surroundings, random: torch.Generator) -> Surroundings:
-    """Return surroundings whose frames have other tangents, and normals of either sign."""
-    first, second, normal = seen.frames.unbind(dim=1)
-    angle = torch.rand(len(first), 1, generator=random) * (2 * torch.pi)
-    sign = torch.randint(2, (len(first), 1), generator=random) * 2.0 - 1
-    cosine, sine = angle.cos(), angle.sin()
-    turned = [cosine * first + sine * second, sign * (cosine * second - sine * first)]
-    frames = torch.stack([*turned, sign * normal], dim=1)
-    return Surroundings(**{**vars(seen), "frames": frames})
 
 
 def _rows(seen: Surroundings, rows: slice) -> Surroundings:

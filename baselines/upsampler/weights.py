@@ -50,9 +50,7 @@ def _config(fields: Mapping[str, Any]) -> UpsamplerConfig:
     from baselines.upsampler.network import UpsamplerConfig
 
     config = UpsamplerConfig(**fields)
-    sizes = (config.width, config.rounds, config.heads)
+    sizes = (config.width, config.rounds)
     if not all(type(n) is int and 0 < n <= _MOST for n in sizes):  # True is an int, too
         raise ValueError(f"sizes {sizes}")
-    if config.width % config.heads:
-        raise ValueError(f"width {config.width} with {config.heads} heads")
     return config

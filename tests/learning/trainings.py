@@ -59,7 +59,7 @@ TINY = ModelConfig(width=0.0625, latent_dim=4)
 PAIRED = ModelConfig(width=0.0625, latent_dim=4, encoder="pointnet", azimuth="sine-cosine")
 SMALL = NetworkConfig(widths=(4, 6, 8, 10, 12))
 SMALL_FUSED = replace(SMALL, inputs=replace(SMALL.inputs, meshes=("denoised-wrap",)))
-SMALL_UPSAMPLER = UpsamplerConfig(width=6, rounds=1, heads=2)
+SMALL_UPSAMPLER = UpsamplerConfig(width=6, rounds=1)
 SMALL_OCCUPANCY = OccupancyConfig(resolution=8, widths=(4, 6), hidden=5, blocks=1)
 
 

@@ -50,4 +50,4 @@ def test_clouds_stand_one_after_the_other_with_their_own_numbers() -> None:
     first, second = (upsampler_set([obj], quiet=True).clouds for obj in objects)
     both = joined([first, second])
     assert torch.equal(both.neighbours[len(first.points) :], second.neighbours)
-    assert torch.equal(both.frames[: len(first.points)], first.frames)
+    assert torch.equal(both.normals[: len(first.points)], first.normals)

@@ -47,7 +47,7 @@ def test_a_sphere_is_closed_round_and_as_fine_as_the_image() -> None:
     assert (faces_of_edges(mesh.faces) == 2).all()
     radii = np.linalg.norm(mesh.vertices, axis=1)
     # Planes that touch a sphere a spacing away, of .11, are .11^2 / 1.4 farther out.
-    np.testing.assert_allclose(np.median(radii), RADIUS + 0.004, rtol=0, atol=0.0045)
+    np.testing.assert_allclose(np.median(radii), RADIUS + 0.005, rtol=0, atol=0.005)
     assert radii.std() < 0.003
     edges = mesh.vertices[mesh.faces] - mesh.vertices[np.roll(mesh.faces, 1, axis=1)]
     assert np.median(np.linalg.norm(edges, axis=2)) <= FOOTPRINT
@@ -58,7 +58,7 @@ def test_corners_far_from_all_points_stay_where_they_are() -> None:
     near, far = np.array([[0, 0, RADIUS + 0.01]]), np.array([[0.0, 0.0, 0.0]])
     found = surface.project(np.concatenate([near, far]))
     assert found.near.tolist() == [True, False]
-    assert np.linalg.norm(found.points[0]) == pytest.approx(RADIUS + 0.004, abs=0.0045)
+    assert np.linalg.norm(found.points[0]) == pytest.approx(RADIUS + 0.005, abs=0.005)
     np.testing.assert_array_equal(found.points[1], far[0])
     np.testing.assert_allclose(np.linalg.norm(found.normals, axis=1), 1, rtol=1e-6)
     assert len(surface.upsampled(16).points) == 16 * 512
@@ -73,7 +73,8 @@ def line(count: int) -> np.ndarray:
 def test_lines_planes_and_clouds_far_apart_are_covered() -> None:
     rng = np.random.default_rng(0)
     ball = lattice_sphere(300) * 0.2
-    two = np.concatenate([ball - [0.7, 0, 0], ball + [0.7, 0, 0]])
+    aside = np.array([0.7, 0, 0])
+    two = np.concatenate([ball - aside, ball + aside])
     for points in (line(50), rng.uniform(-0.7, 0.7, (500, 3)) * [1, 1, 0], two, line(11)):
         mesh = renderer().prepare(PointCloud(points)).mesh
         assert np.isfinite(mesh.vertices).all()
@@ -83,8 +84,8 @@ def test_lines_planes_and_clouds_far_apart_are_covered() -> None:
 
 def test_failures_have_names() -> None:
     class Broken(Upsampler):
-        def project(self, seen, features, places, nearest):
-            points, normals = super().project(seen, features, places, nearest)
+        def project(self, cloud, places, nearest):
+            points, normals = super().project(cloud, places, nearest)
             return points * torch.nan, normals
 
     rng = np.random.default_rng(0)

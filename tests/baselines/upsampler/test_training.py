@@ -1,14 +1,11 @@
 from __future__ import annotations
 
-import dataclasses
-
 import torch
 
 from baselines.upsampler.config import UpsamplerTrainingConfig
 from baselines.upsampler.network import Upsampler
-from baselines.upsampler.train import UpsamplerTrainer, turned_at_random
-from tests.baselines.clouds import lattice_sphere
-from tests.baselines.upsampler.test_network import SMALL, see
+from baselines.upsampler.train import UpsamplerTrainer
+from tests.baselines.upsampler.test_network import SMALL
 from tests.learning.trainings import CADENCE, make_upsampler
 
 
@@ -53,16 +50,3 @@ def test_a_batch_of_clouds_is_what_each_is_alone():
         points, _ = network(*trainer._batch([0, 2], 0)[:3])
         alone = [network(*trainer._batch([i], 0)[:3])[0] for i in (0, 2)]
     torch.testing.assert_close(points, torch.cat(alone), rtol=0, atol=1e-5)
-
-
-def test_frames_are_turned_about_their_normals_of_either_sign():
-    seen = see(lattice_sphere(500))
-    turned = turned_at_random(seen, torch.Generator().manual_seed(0))
-    frames = turned.frames
-    torch.testing.assert_close(frames @ frames.mT, torch.eye(3).expand(500, 3, 3))
-    torch.testing.assert_close(torch.linalg.det(frames), torch.ones(500))
-    same = (frames[:, 2] * seen.frames[:, 2]).sum(dim=1)
-    torch.testing.assert_close(same.abs(), torch.ones(500))
-    assert 0.4 < float((same > 0).float().mean()) < 0.6
-    assert (frames[:, 0] * seen.frames[:, 0]).sum(dim=1).std() > 0.6  # of all angles: .71
-    assert dataclasses.replace(turned, frames=seen.frames).points is seen.points
