@@ -1,0 +1,138 @@
+"""What a stretch of the up-sampler's training has brought, on validation objects.
+
+    python -m studies.upsampler NAME [--weights FILE] [--losses training/upsampler/losses.csv]
+
+Adds the line NAME to `baselines/upsampler/weights/log.csv`: the last losses of the training, how
+far the filled-up points of the weights lie from the surface, what their normals miss, and the
+images of upsampled-wrap. With `--opponent METHOD` in place of weights the line has the images of
+another method, by the same clouds and views.
+
+Two objects of each class of `procedural:validation`, four views, truth in grey. Distances are means
+over the points, in thousandths of the object's radius; angles are means in degrees.
+"""
+
+from __future__ import annotations
+
+import argparse
+import csv
+import io
+from collections.abc import Iterable, Iterator
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import pandas as pd
+
+from baselines.reconstruction.alpha_wrap import MOST_POINTS
+from baselines.reconstruction.stages import used_points
+from baselines.reconstruction.surface import NORMAL_NEIGHBOURS
+from baselines.upsampler.data import nearest_on_surface
+from baselines.upsampler.projection import LearnedSurface
+from baselines.upsampler.renderer import POINTS_FOR_ONE
+from bench.catalogue.conditions import find_condition
+from bench.catalogue.methods import find_method
+from bench.metrics.lpips_network import lpips
+from bench.metrics.structural_similarity import ssim_per_image
+from bench.tables.table import csv_text
+from data_prep.datasets.objects import GreyObject, SceneObject
+from data_prep.datasets.registry import open_dataset
+from data_prep.files.atomic_write import write_whole
+from data_prep.randomness import generator
+from data_prep.rendering.images import to_uint8
+from data_prep.scene import PointCloud
+
+CONDITIONS = ("2048", "512", "noise-0.05", "noise-0.10")
+OBJECTS, VIEWS = 2, 4  # of each class, and of each object
+LOG = Path(__file__).resolve().parents[1] / "baselines" / "upsampler" / "weights" / "log.csv"
+_TRAINING = ("steps", "distance", "normals", "validation")
+_MEASURED = ("points", "degrees", "ssim", "lpips")
+COLUMNS = ("name", *_TRAINING, *(f"{m} {c}" for c in CONDITIONS for m in _MEASURED))
+_LAST = 50  # lines of the losses, of ten steps each
+
+
+def validation_objects() -> Iterator[SceneObject]:
+    """Yield the objects, in grey."""
+    dataset = open_dataset("procedural:validation")
+    for name in dataset.classes:
+        for obj in dataset.objects(name, OBJECTS, OBJECTS, "validation"):
+            yield GreyObject(obj)
+
+
+def measured(method_id: str, objects: Iterable[SceneObject]) -> dict[str, float]:
+    """Return the means of a method by the names of columns; of its points where it has a network.
+
+    Raises StageFailure where the method fails at one of the objects.
+    """
+    renderer = find_method(method_id).load("cpu")
+    rows: dict[str, list[float]] = {}
+    for obj in objects:
+        key = (obj.class_name, obj.object_id)
+        views = obj.views(VIEWS, generator("validation views", *key))
+        whole, truth = obj.cloud_and_truth(generator("validation cloud", *key), views)
+        for name in CONDITIONS:
+            rng = generator("validation condition", name, *key)
+            cloud = find_condition(name).perturbation.apply(whole, rng)
+            images = to_uint8(renderer.draw(renderer.prepare(cloud, rng), views, rng))
+            found = {
+                "ssim": float(ssim_per_image(images, truth).ssim.mean()),
+                "lpips": float(lpips(images, truth, single=True).mean()),
+            }
+            if hasattr(renderer, "network"):
+                found |= of_points(renderer, cloud, obj, rng)
+            for measure, value in found.items():
+                rows.setdefault(f"{measure} {name}", []).append(value)
+    return {column: float(np.mean(values)) for column, values in rows.items()}
+
+
+def of_points(
+    renderer: Any, cloud: PointCloud, obj: SceneObject, rng: np.random.Generator
+) -> dict[str, float]:
+    """Return how far filled-up points lie from the surface, and the angle between normals there."""
+    points, _ = used_points(cloud, NORMAL_NEIGHBOURS + 1, MOST_POINTS, "surfaces")
+    dense = LearnedSurface(renderer.network, points).upsampled(POINTS_FOR_ONE)
+    mesh = obj.load()
+    corners = mesh.vertices.astype(np.float64)[mesh.faces]
+    places = dense.points.astype(np.float64)
+    nearest, normals = nearest_on_surface(corners, places, rng)
+    cosine = np.abs((dense.normals * normals).sum(axis=1)).clip(0, 1)
+    away = np.linalg.norm(places - nearest, axis=1)
+    return {"points": 1000 * away.mean(), "degrees": np.degrees(np.arccos(cosine)).mean()}
+
+
+def with_line(text: str, line: dict[str, Any]) -> str:
+    """Return the log with a line, in place of the one of that name if there is one."""
+    rows = {row["name"]: row for row in csv.DictReader(io.StringIO(text))}
+    rows[line["name"]] = {column: _short(line.get(column, "")) for column in COLUMNS}
+    return csv_text(COLUMNS, (row.values() for row in rows.values()))
+
+
+def _short(value: Any) -> str:
+    return f"{value:.4g}" if isinstance(value, float) else str(value)
+
+
+def last_losses(path: Path) -> dict[str, Any]:
+    """Return the steps of a training, and the means of its last losses."""
+    losses = pd.read_csv(path)
+    means = losses.tail(_LAST)[list(_TRAINING[1:])].mean()
+    return {"steps": int(losses["step"].iloc[-1]), **means.to_dict()}
+
+
+def main() -> None:
+    """Measure and add a line to the log."""
+    assert __doc__
+    parser = argparse.ArgumentParser(description=__doc__.splitlines()[0])
+    parser.add_argument("name")
+    parser.add_argument("--weights", type=Path)
+    parser.add_argument("--losses", type=Path)
+    parser.add_argument("--opponent")
+    given = parser.parse_args()
+    own = f"upsampled-wrap@{given.weights}" if given.weights else "upsampled-wrap"
+    training = last_losses(given.losses) if given.losses else {}
+    line = {"name": given.name, **training, **measured(given.opponent or own, validation_objects())}
+    before = LOG.read_text(encoding="utf-8") if LOG.exists() else ""
+    write_whole(LOG, with_line(before, line).encode())
+    print(csv_text(COLUMNS, [[_short(line.get(column, "")) for column in COLUMNS]]))
+
+
+if __name__ == "__main__":
+    main()
