@@ -30,7 +30,7 @@ from learning.weights import NetworkWeights
 POINTS_FOR_ONE = 16
 _BALL = 1.6  # radius, in spacings of the cloud: smaller ones leak, larger ones close gaps
 _OFFSET = FOOTPRINT / 4  # of the wrap from the points; the corners are moved back anyway
-_FACE = 1.0  # footprints: edges of faces are divided until they are shorter
+_FACE = 1.7  # footprints: edges of faces are divided until half of them are shorter
 _MOST_DIVISIONS = 3
 _ROUNDS = 10  # in which corners follow the normals; more change nothing
 

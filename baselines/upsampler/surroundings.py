@@ -30,6 +30,7 @@ _SPACING_NEIGHBOURS = 16  # as of `spacing`
 # Of the disc around a point that is filled up, in spacings: points that are drawn independently
 # leave gaps as wide as that.
 _DISC = 2.0
+_UPRIGHT = 1e-6  # an offset of so small a part in the tangent plane has no direction there
 _GOLDEN_ANGLE = np.pi * (3 - np.sqrt(5))
 
 
@@ -65,16 +66,28 @@ def surroundings(points: Points) -> tuple[Surroundings, tuple[str, ...]]:
 def places_around(seen: Surroundings, count: int) -> Tensor:
     """Return `count` places around each point, in its tangent plane, [N * count, 3].
 
-    They fill a disc evenly, in the order of a sunflower's seeds (Vogel 1979).
+    They fill a disc evenly, in the order of a sunflower's seeds (Vogel 1979), from the direction of
+    the nearest point on to the side of the second: places turn with the cloud.
     """
     number = np.arange(count)
     distance, angle = _DISC * np.sqrt((number + 0.5) / count), number * _GOLDEN_ANGLE
     spiral = np.column_stack([distance * np.cos(angle), distance * np.sin(angle)])
-    normals = seen.normals.cpu().numpy().astype(np.float64)
-    tangent = perpendicular(normals)
-    tangents = _float32(np.stack([tangent, np.cross(normals, tangent)], axis=1))
+    points, normals = (values.cpu().numpy().astype(float) for values in (seen.points, seen.normals))
+    first, second = (points[row] - points for row in seen.neighbours[:, :2].T.cpu().numpy())
+    tangents = _float32(_tangents(normals, first, second))
     steps = (_float32(spiral) @ tangents).to(seen.points)  # [N, count, 3]
     return (seen.points[:, None] + steps * seen.radius[:, None, None]).flatten(0, 1)
+
+
+def _tangents(normals: Floats, first: Floats, second: Floats) -> Floats:
+    """Return tangents [N, 2, 3] at right angles: along a first offset, to the side of a second."""
+    along = first - (first * normals).sum(axis=1, keepdims=True) * normals
+    length = np.linalg.norm(along, axis=1, keepdims=True)
+    upright = length <= _UPRIGHT * np.linalg.norm(first, axis=1, keepdims=True)
+    along = np.where(upright, perpendicular(normals), along / np.where(upright, 1, length))
+    aside = np.cross(normals, along)
+    sides = np.where((aside * second).sum(axis=1, keepdims=True) < 0, -1.0, 1.0)
+    return np.stack([along, sides * aside], axis=1)
 
 
 def _float32(array: Floats) -> Tensor:

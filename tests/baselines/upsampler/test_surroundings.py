@@ -3,6 +3,7 @@ from __future__ import annotations
 import numpy as np
 import pytest
 import torch
+from scipy.spatial.transform import Rotation
 
 from baselines.reconstruction.denoised import noise_scale
 from baselines.reconstruction.stages import Nearest, spacing
@@ -53,6 +54,17 @@ def test_of_few_points_the_farthest_stand_for_those_that_there_are_not(count: in
     assert set(seen.neighbours[0].tolist()) <= set(range(1, count))
     for tensor in (seen.points, seen.normals, seen.noise):
         assert tensor.isfinite().all()
+
+
+def test_places_turn_with_the_cloud_whatever_the_signs_of_normals() -> None:
+    points = lattice_sphere(200) + np.random.default_rng(0).normal(size=(200, 3)) * 0.01
+    turn = Rotation.from_euler("xyz", (0.3, 1.0, -2.0)).as_matrix()
+    places, turned = (
+        places_around(surroundings(cloud.astype(np.float32))[0], 5).numpy()
+        for cloud in (points, points @ turn.T)
+    )
+    # A spacing of .15 in float32, after a difference from neighbours as near as a tenth of it.
+    np.testing.assert_allclose(turned, places @ turn.T, rtol=0, atol=1e-5)
 
 
 def test_places_fill_discs_of_two_spacings_in_the_plane_of_each_point() -> None:
