@@ -14,6 +14,7 @@ STEPS = {
     "import data_prep.scene": {"numpy"},
     "import pc2pix.weights, baselines.splat_net.weights, learning.weights": {"numpy"},
     "import baselines.fused_net.weights, baselines.occupancy_net.weights": {"numpy"},
+    "import baselines.upsampler.weights, baselines.upsampler.config": {"numpy"},
     "import bench.metrics.inception_weights, bench.metrics.packaged_weights": {"numpy"},
     "import bench.metrics.image_scores, bench.judges.answers": {"numpy"},
 }

@@ -199,10 +199,10 @@ def render_clouds(
     """Draw the point clouds of files. Exit 1 if a cloud has no image: all its methods failed.
 
     Each method gets 120 seconds, 4 GiB of memory and all points, of a scan at most 2,097,152. Some
-    use fewer, chosen at random: occupancy-net 2,048, pc2pix 8 x 1,024, alpha-wrap, denoised-wrap
-    and splat-fill 8,192. Notes on stderr say how many, and what else a method did to the points.
-    Surface reconstruction of 100,000 points takes about half a minute, surface-fit less; --points
-    takes fewer.
+    use fewer, chosen at random: occupancy-net 2,048, pc2pix 8 x 1,024, alpha-wrap, denoised-wrap,
+    upsampled-wrap and splat-fill 8,192. Notes on stderr say how many, and what else a method did
+    to the points. Surface reconstruction of 100,000 points takes about half a minute, surface-fit
+    less; --points takes fewer.
     """
     allow_modules(options.method or ())
     result = render(clouds, options)

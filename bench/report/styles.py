@@ -34,6 +34,7 @@ _COMMON_FAMILIES = (
 # method have a place here so that a new family does not change their style.
 _FURTHER_FAMILIES = (
     *("best-learned-3d", "poisson", "occupancy-net", "surface-fit", "surface-bpa", "splat-fill"),
+    *("points2pix", "open3d-poisson", "upsampled-wrap"),
 )
 
 

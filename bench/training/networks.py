@@ -69,7 +69,11 @@ def train(name: str, options: Any) -> Path:
     That is the file of exported weights; of the autoencoder it is the checkpoint, and of a decoder
     it stands beside the weights that it belongs to. Beside those of splat-net and fused-net in
     colour stand those in grey; fused-net with no steps returns the folder of its maps.
+
+    Raises BadInput for options that no training can have, before data are made.
     """
+    for option, least in (("steps", 0 if name == "fused-net" else 1), ("batch", 1)):
+        _check_least(option, getattr(options, option), least)
     if options.threads is not None:
         torch.set_num_threads(options.threads)
     training_loop.prepare_device(options.device)  # data take minutes: refuse before them
@@ -185,6 +189,8 @@ def _occupancy_net(options: Any) -> Path:
 
 def _upsampler(options: Any) -> Path:
     objects = training_objects(options)
+    if len(objects) < 2:
+        raise BadInput("1 object: give at least 2, for one is held out to validate; see --objects")
     data = upsampler_set(objects, quiet=not is_first())
     config = _config(UpsamplerTrainingConfig, options)
     checkpoint = _train(UpsamplerTrainer, data, config, options, objects)
@@ -194,9 +200,7 @@ def _upsampler(options: Any) -> Path:
 def _decoder(options: Any) -> Path:
     """Train on the procedural train chairs."""
     count = DEFAULT_OBJECTS if options.objects is None else options.objects
-    for name, value in (("objects", count), ("steps", options.steps), ("batch", options.batch)):
-        if value < 1:
-            raise BadInput(f"--{name} {value}: must be at least 1")
+    _check_least("objects", count, 1)
     weights = load_weights(options.weights)
     objects = tuple(ProceduralObject("chair", "train", i) for i in range(count))
     data = AutoencoderData(training_clouds(objects, **_making()))
@@ -283,6 +287,11 @@ def training_objects(options: Any) -> tuple[SceneObject, ...]:
     if not objects:
         raise BadInput(f"--objects {options.objects}: must be at least 1")
     return objects
+
+
+def _check_least(option: str, value: int, least: int) -> None:
+    if value < least:
+        raise BadInput(f"--{option} {value}: must be at least {least}")
 
 
 def _find_network(name: str) -> NetworkConfig:

@@ -25,12 +25,12 @@ LEFT_OUT = () if find_spec("open3d") else ("open3d-poisson",)  # Open3D is an ex
 SURFACES = tuple(m.id for m in BUNDLED if m.kind == "reconstruction" and m.id not in LEFT_OUT)
 NETWORKS = (
     *("pc2pix", "pc2pix@acgan", "splat-net@chair"),
-    *("splat-net", "points2pix", "occupancy-net", "fused-net"),
+    *("splat-net", "points2pix", "occupancy-net", "upsampled-wrap", "fused-net"),
 )
 METHODS = (*SURFACES, *NETWORKS, "splat", "splat-fill", "true-mesh", *FLOORS)
 ORDERLESS = (
     *("surface-fit", "alpha-wrap", "denoised-wrap"),
-    *("splat-net", "splat", "splat-fill", "occupancy-net", "fused-net"),
+    *("splat-net", "splat", "splat-fill", "occupancy-net", "upsampled-wrap", "fused-net"),
 )
 # How far `features` may move on another machine. Where meshes are drawn, another driver or
 # ray-caster samples edges elsewhere: a turn of all views by 0.1 degree, as in
@@ -39,7 +39,7 @@ ORDERLESS = (
 # neighbouring float32, or not, at random, do it by up to 8.5e-5 (`poisson`). Three times the larger
 # is allowed. Other methods move by up to 1.2e-5 (`splat-net`), and by 6e-7 with the kernels of
 # other processors. `surface-apss` moves by 2.3e-3, and with what memory held before.
-DRAWS_MESHES = (*SURFACES, "true-mesh", "occupancy-net", "fused-net")
+DRAWS_MESHES = (*SURFACES, "true-mesh", "occupancy-net", "upsampled-wrap", "fused-net")
 MOVES = dict.fromkeys(METHODS, 5e-5) | dict.fromkeys(DRAWS_MESHES, 3.6e-4) | {"surface-apss": 5e-3}
 # `features` of the images of a clean cloud and, for some, of a noisy one.
 VALUES: dict[str, list[tuple[float, float]]] = {
@@ -56,6 +56,7 @@ VALUES: dict[str, list[tuple[float, float]]] = {
     "splat-net": [(0.945244, 0.008798), (0.938382, 0.007316)],
     "points2pix": [(0.931353, 0.010579)],
     "occupancy-net": [(0.947588, 0.009339), (0.943953, 0.011252)],
+    "upsampled-wrap": [(0.943611, 0.011637), (0.918644, 0.011991)],
     "fused-net": [(0.945843, 0.009814), (0.942994, 0.008328)],
     "splat": [(0.946857, 0.014528), (0.879335, 0.012321)],
     "splat-fill": [(0.948743, 0.007210), (0.948035, 0.004531)],
@@ -165,6 +166,9 @@ FEW = "where the camera looks, a cube each; normals need at least 11"
         ("surface-fit", AWAY, "input", f"0 of 50 points are left {FEW}"),
         ("surface-fit", LINE, "ball-pivoting", "no faces"),
         ("surface-fit", PLANE, "apss", "no faces"),
+        ("upsampled-wrap", TEN_PLACES, "input", f"10 of 50 {FEW_DIFFERENT}"),
+        ("upsampled-wrap", AWAY, "input", f"0 of 50 {FEW_DIFFERENT}"),
+        ("upsampled-wrap", [[np.inf, 0, np.nan], *LINE], "input", "1 of 501 points are not finite"),
     ],
 )
 def test_degenerate_clouds_fail_by_name(name: str, points, stage: str, problem: str) -> None:

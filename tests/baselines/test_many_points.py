@@ -37,6 +37,7 @@ def of_noise(cloud):
 
 
 TAKEN = {  # what each that has a cap takes of a clean cloud, and the cap
+    # and upsampled-wrap, which takes the same
     "alpha-wrap": (of_used_points(MOST_POINTS), MOST_POINTS),
     "occupancy-net": (of_used_points(MOST_OF_NETWORK), MOST_OF_NETWORK),
     "denoised-wrap": (lambda cloud: cleaned(cloud, 0.0).points, MOST_POINTS),

@@ -28,7 +28,7 @@ def test_every_method_says_what_it_was_trained_on():
     trained = {method.id: method.trained_on for method in BUNDLED}
     assert {name for name, on in trained.items() if on == "13 classes"} == {
         *("pc2pix@all", "splat-net", "splat-net@grey", "points2pix", "occupancy-net"),
-        *("fused-net", "fused-net@grey"),
+        *("fused-net", "fused-net@grey", "upsampled-wrap"),
     }
     learned = {name for name, on in trained.items() if on != "nothing"}
     assert learned == {m.id for m in BUNDLED if m.kind == "network"} | {"constant"}

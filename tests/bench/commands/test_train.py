@@ -16,8 +16,11 @@ from bench.catalogue.methods import find_method
 from bench.commands.train import TRAIN_OPTIONS, print_once
 from bench.training.networks import training_objects
 from bench.training.options import TrainingOptions
+from data_prep.failures import BadInput
 from data_prep.files.checksums import file_sha256
+from data_prep.scene import View
 from pc2pix.weights import load_weights as load_gan_weights
+from tests.baselines.clouds import chair_cloud
 
 
 def test_a_training_that_diverged_is_one_line(command, tmp_path):
@@ -121,6 +124,24 @@ def test_occupancy_net_from_the_command_line_to_a_method(command, tmp_path):
     weights = method.load("cpu").weights
     assert weights.card["learning_rates"] == "0.001"  # the last step is at full rate
     assert method.identity().endswith(weights.sha256)
+
+
+def test_the_up_sampler_from_the_command_line_to_a_method(command, tmp_path):
+    """Its weights are of no other network."""
+    options = ("--batch", "1", "--steps", "2", "--cool-down", "1", "--precision", "bfloat16")
+    file = trained(command, tmp_path, "upsampler", *options)
+    header, *_, last = file.with_name("losses.csv").read_text().splitlines()
+    assert header == "step,distance,normals,validation"
+    assert all(0 < float(value) < 2 for value in last.split(",")[1:])
+    method = find_method(f"upsampled-wrap@{file}")
+    renderer = method.load("cpu")
+    assert renderer.weights.card["steps"] == 2
+    assert method.identity().endswith(renderer.weights.sha256)
+    images = renderer.draw(renderer.prepare(chair_cloud(256)), [View(30, 20)])
+    assert images.shape == (1, 128, 128, 3)
+    assert 0.05 < (images < 1).mean() < 0.5  # a chair
+    with pytest.raises(BadInput, match="expected format 'occupancy-net-weights-1' in the header"):
+        find_method(f"occupancy-net@{file}").load("cpu")
 
 
 def test_a_time_limit_ends_a_training_with_weights(command, tmp_path, monkeypatch):

@@ -23,8 +23,9 @@ from tests.baselines.clouds import lattice_sphere
 OUTLINE_PX = 59.9
 FRONT = (View(20, 10),)
 TELL = (  # the methods that tell their coverage, at sizes that they draw
-    *(("denoised-wrap", 200), ("occupancy-net", 128), ("splat", 200), ("splat-fill", 200)),
-    *(("splat-net@grey", 128), ("points2pix", 128), ("fused-net@grey", 256), ("fused-net", 128)),
+    *(("denoised-wrap", 200), ("occupancy-net", 128), ("upsampled-wrap", 200)),
+    *(("splat", 200), ("splat-fill", 200), ("splat-net@grey", 128)),
+    *(("points2pix", 128), ("fused-net@grey", 256), ("fused-net", 128)),
 )
 
 
