@@ -129,7 +129,7 @@ MEASUREMENTS: Mapping[str, QuotedRun] = {
     COSTS_RUN: QuotedRun(
         "--suite speed --device cpu --limit 4 --methods surface-apss,surface-fit,surface-bpa,"
         "poisson,alpha-wrap,denoised-wrap,pc2pix,pc2pix@paper,splat-net,splat-net@grey,"
-        "splat-net@chair,points2pix,occupancy-net,fused-net,fused-net@grey,splat,"
+        "splat-net@chair,points2pix,occupancy-net,upsampled-wrap,fused-net,fused-net@grey,splat,"
         "splat-fill,true-mesh,constant,blank",
     ),
 }

@@ -279,8 +279,8 @@ STABILITY = Procedure(
     about="extreme clouds and views: images, an invariant or a named failure",
     methods=_ids(
         "surface-apss surface-fit surface-bpa poisson alpha-wrap denoised-wrap pc2pix "
-        "pc2pix@acgan splat-net@chair splat-net@grey fused-net fused-net@grey occupancy-net splat "
-        "splat-fill true-mesh constant blank"
+        "pc2pix@acgan splat-net@chair splat-net@grey fused-net fused-net@grey occupancy-net "
+        "upsampled-wrap splat splat-fill true-mesh constant blank"
     ),
 )
 SPEED = Procedure(
