@@ -171,7 +171,6 @@ def test_far_points_and_steps_are_named_and_far_points_left_out_if_asked_for(poi
 MANY = generator("many").normal(size=(9000, 3))  # a ball of fog: noise, and smoothed
 NOTES = {  # what a method does to these points, and to a hundred of them
     ("alpha-wrap", 9000): ["alpha-wrap: input: 8192 of 9000 points used"],
-    ("upsampled-wrap", 9000): ["upsampled-wrap: input: 8192 of 9000 points used"],
     ("fused-net@grey", 9000): [
         "fused-net@grey: occupancy-net: input: 2048 of 9000 points used",
     ],
@@ -191,6 +190,13 @@ def test_what_a_method_does_to_the_points_is_a_warning_where_it_is_called(method
         draw_cloud(normalise_points(points), Drawing(method, (View(0, 0),)))
     assert [str(warning.message) for warning in caught] == 3 * said
     assert {warning.filename for warning in caught} <= {__file__}
+
+
+@pytest.mark.slow
+def test_an_up_sampled_cloud_has_a_cap_of_its_points_before():
+    points = MANY / np.linalg.norm(MANY, axis=1)[:, None]
+    _, warned = warnings_of(lambda: bench.draw_cloud(points, method="upsampled-wrap"))
+    assert warned == ["upsampled-wrap: input: 8192 of 9000 points used"]
 
 
 def test_a_smoothed_cloud_and_a_mesh_that_was_not_made_are_warned_of():
