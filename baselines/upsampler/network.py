@@ -65,6 +65,10 @@ class Surroundings:
     noise: Tensor
     neighbours: Tensor
 
+    def to(self, device: torch.device) -> Surroundings:
+        """Return the same on a device."""
+        return Surroundings(**{name: value.to(device) for name, value in vars(self).items()})
+
 
 class Encoded(NamedTuple):
     """The points after all rounds: features [N, C], and their planes, by point and normal [N, 6].

@@ -13,7 +13,7 @@ import torch
 from numpy.typing import NDArray
 from scipy.spatial import cKDTree
 
-from baselines.upsampler.network import Surroundings, Upsampler
+from baselines.upsampler.network import Upsampler
 from baselines.upsampler.surroundings import places_around, surroundings
 from data_prep.arrays import Floats
 from data_prep.failures import StageFailure
@@ -54,7 +54,7 @@ class LearnedSurface:
         seen, self.notes = surroundings(points)
         self.spacing = float(np.median(seen.radius.numpy()))
         self.tree = cKDTree(seen.points.numpy())
-        self.seen = Surroundings(**{name: value.to(device) for name, value in vars(seen).items()})
+        self.seen = seen.to(device)
         with torch.inference_mode():
             self.encoded = network.encode(self.seen)
 

@@ -8,7 +8,7 @@ as large as the noise, and would drown those of clean clouds.
 
 from __future__ import annotations
 
-from dataclasses import fields
+from dataclasses import fields, replace
 from typing import Any
 
 import torch
@@ -21,7 +21,8 @@ from learning import training_loop
 from learning.trainer import CooledTrainer
 
 PLACES = 2048  # of an object in a step
-_HELD_OUT = 24  # clouds, spread over the data, that are not trained on
+_HELD_OUT = 24  # clouds at most, spread over the data, that are not trained on
+_LEFT = 4  # of as many clouds one at most is held out
 _VALIDATED_EVERY = 250  # steps
 _NORMALS = 0.3  # weight of their loss
 _ROUND = 0.02  # spacings: distances below have a gradient that falls to 0
@@ -44,7 +45,7 @@ class UpsamplerTrainer(CooledTrainer):
         super().__init__(data, config, *place)
         self.data = data
         count = len(data.places)
-        validated = min(_HELD_OUT, count - 1)
+        validated = max(1, min(_HELD_OUT, count // _LEFT))
         held_out = torch.arange(validated) * count // validated
         kept = torch.ones(count, dtype=torch.bool)
         kept[held_out] = False
@@ -102,12 +103,13 @@ class UpsamplerTrainer(CooledTrainer):
         starts, ends = data.first[:-1].tolist(), data.first[1:].tolist()
         seen = joined([_rows(data.clouds, slice(starts[i], ends[i])) for i in objects])
         sizes = torch.tensor([ends[i] - starts[i] for i in objects])
-        before = sizes.cumsum(0) - sizes
-        seen.neighbours.add_(before.repeat_interleave(sizes)[:, None])
+        before = sizes.cumsum(0) - sizes  # points of the clouds before each
+        neighbours = seen.neighbours + before.repeat_interleave(sizes)[:, None]
         nearest = data.nearest[objects, some] + before[:, None]
         rest = (values[objects, some] for values in (data.places, data.targets, data.normals))
-        places, targets, normals = (values.flatten(0, 1) for values in rest)
-        return seen, places, nearest.flatten(), targets, normals
+        places, targets, normals = (values.flatten(0, 1).to(self.device) for values in rest)
+        seen = replace(seen, neighbours=neighbours).to(self.device)
+        return seen, places, nearest.flatten().to(self.device), targets, normals
 
 
 def _rows(seen: Surroundings, rows: slice) -> Surroundings:
