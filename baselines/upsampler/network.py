@@ -22,8 +22,9 @@ from torch import Tensor, nn
 from torch.nn import functional
 
 ASKED = 12  # points around a place that answer: its nearest point, and the nearest to that one
-_NODE = 2  # numbers that a point starts from: noise, and how far it was moved against it
+_NODE = 3  # numbers that a point starts from: noise, how far it was moved, how little it was turned
 _PAIR = 8  # numbers that relate two points, or a place and a point
+_RAW = 1  # and one about a point as it was before it was smoothed
 _PLACES_TOGETHER = 2**10  # what they take stays in a processor's cache
 _NOISE_UNIT = 3.0  # spacings: noise of 10 % at 2,048 points
 _BENT = 0.04  # squared spacings: products of heights below this are hardly told apart
@@ -50,8 +51,9 @@ class Surroundings:
     """N points and what the network sees around them.
 
     points      float32 [N, 3]: the cloud, smoothed where it is noisy
-    moved       float32 [N, 3]: by how much smoothing has moved them
     normals     float32 [N, 3]: of the planes of their nearest neighbours, of any sign
+    raw         float32 [N, 3]: the points before they were smoothed
+    raw_normals float32 [N, 3]: of the planes of their nearest neighbours before that
     radius      float32 [N], > 0: the spacing of the points there, the unit of length
     noise       float32 [N], >= 0: standard deviation of the noise, in that unit
     neighbours  int64 [N, K], K >= ASKED - 1: indices of points, the nearest first, itself not among
@@ -59,8 +61,9 @@ class Surroundings:
     """
 
     points: Tensor
-    moved: Tensor
     normals: Tensor
+    raw: Tensor
+    raw_normals: Tensor
     radius: Tensor
     noise: Tensor
     neighbours: Tensor
@@ -106,32 +109,57 @@ class _Round(nn.Module):
         self.norm = nn.LayerNorm(width)
         self.here = nn.Linear(width, width)
         self.there = nn.Linear(width, width, bias=False)
-        self.pair = nn.Linear(_PAIR, width, bias=False)
+        self.pair = nn.Linear(_PAIR + _RAW, width, bias=False)
         self.message = nn.Linear(width, width)
         self.out = nn.Linear(width, width)
-        self.multiples = _zeros(width, 5)
+        self.multiples = _zeros(width, 7)
+        self.back = _zeros(width, 2)
 
     def forward(
         self, features: Tensor, planes: Tensor, seen: Surroundings, also: Tensor
     ) -> tuple[Tensor, Tensor]:
         """Return features [N, C] and planes [N, 6] of those before; `also` [N, K, 3] of pairs."""
-        pairs = _pairs(planes[:, :3], planes[:, 3:], _of(planes, seen.neighbours), seen.radius)
+        place, own, near = planes[:, :3], planes[:, 3:], seen.neighbours
+        pairs = _pairs(place, own, _of(planes, near), seen.radius)
+        raw = (_of(seen.raw, near) - place[:, None]) / seen.radius[:, None, None]
+        raw_height = _dot(raw, own[:, None])
+        known = torch.cat([_invariants(pairs, also), raw_height.abs()[..., None]], dim=2)
         normal = self.norm(features)
-        heard = _of(self.there(normal), seen.neighbours) + self.here(normal)[:, None]
-        heard = (heard + self.pair(_invariants(pairs, also))).relu()
-        message = self.message(heard).relu()
-        onto, up, along, beside, slope = self._multiples(message)
-        normals, offset = pairs.normals, pairs.offset
-        move = _sum(onto * pairs.back, normals) + _sum(along, offset)
-        move = move + (up * pairs.height).sum(dim=1, keepdim=True) * planes[:, 3:]
-        tilt = _sum(beside * pairs.cosine.sign(), normals) + _sum(slope * pairs.height, offset)
-        place = planes[:, :3] + move * seen.radius[:, None]
-        turned = functional.normalize(planes[:, 3:] + tilt, dim=1)
-        return features + self.out(message.amax(dim=1)), torch.cat([place, turned], dim=1)
+        heard = _of(self.there(normal), near) + self.here(normal)[:, None] + self.pair(known)
+        message = self.message(heard.relu()).relu()
+        features = features + self.out(message.amax(dim=1))
+        onto, up, along, raw_up, raw_along, beside, slope = self._multiples(message)
+        move = _sum(onto * pairs.back, pairs.normals)
+        move = move + _sum(along, pairs.offset) + _sum(raw_along, raw)
+        heights = up * pairs.height + raw_up * raw_height
+        move = move + heights.sum(dim=1, keepdim=True) * own
+        tilt = _sum(beside * pairs.cosine.sign(), pairs.normals)
+        tilt = tilt + _sum(slope * pairs.height, pairs.offset)
+        move, tilt = self._taken_back(features, place, own, move, tilt, seen)
+        turned = functional.normalize(own + tilt, dim=1)
+        return features, torch.cat([place + move * seen.radius[:, None], turned], dim=1)
 
     def _multiples(self, message: Tensor) -> tuple[Tensor, ...]:
-        """Return five learned numbers for each pair, [N, K] each: shares of a mean over K."""
+        """Return seven learned numbers for each pair, [N, K] each: shares of a mean over K."""
         return (self.multiples(message).float() / message.shape[1]).unbind(dim=2)
+
+    def _taken_back(
+        self,
+        features: Tensor,
+        place: Tensor,
+        own: Tensor,
+        move: Tensor,
+        tilt: Tensor,
+        seen: Surroundings,
+    ) -> tuple[Tensor, Tensor]:
+        """Return moves and tilts [N, 3] with a learned share of the way back to the raw points.
+
+        Smoothing takes a thin object for noise now and then.
+        """
+        place_back, normal_back = self.back(features).float().split(1, dim=1)
+        same = _dot(own, seen.raw_normals).sign()[:, None]
+        move = move + place_back * (seen.raw - place) / seen.radius[:, None]
+        return move, tilt + normal_back * same * seen.raw_normals
 
 
 class Upsampler(nn.Module):
@@ -159,12 +187,13 @@ class Upsampler(nn.Module):
 
     def encode(self, seen: Surroundings) -> Encoded:
         """Return the points after all rounds."""
-        moved = _dot(seen.normals, seen.moved).abs() / seen.radius
+        moved = (seen.points - seen.raw).norm(dim=1) / seen.radius
+        alike = _dot(seen.normals, seen.raw_normals).abs()
         noise = seen.noise / _NOISE_UNIT
         near = seen.neighbours
         larger = (_of(seen.radius, near) / seen.radius[:, None]).log()
         also = torch.stack([larger, _of(moved, near), noise[:, None].expand_as(larger)], dim=2)
-        features = self.enter(torch.stack([noise, moved], dim=1))
+        features = self.enter(torch.stack([noise, moved, alike], dim=1))
         planes = torch.cat([seen.points, seen.normals], dim=1)
         for heard in self.rounds:
             features, planes = heard(features, planes, seen, also)

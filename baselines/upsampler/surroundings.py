@@ -40,27 +40,24 @@ def surroundings(points: Points) -> tuple[Surroundings, tuple[str, ...]]:
     The notes say how noisy points were smoothed. Fewer points than the network looks at stand for
     one another: the farthest is repeated.
     """
-    near, sample = searched(points)
+    raw, sample = searched(points)
     noise = noise_scale(sample)
-    raw, notes = near.points, ()
+    raw_normals = _normals(raw.points)
+    near, normals, notes = raw, raw_normals, ()
     if noise > NOISY * spacing(sample):
-        smooth, neighbours = smoothed_as_asked(near, noise)
-        near = Nearest(smooth)
+        smooth, neighbours = smoothed_as_asked(raw, noise)
+        near, normals = Nearest(smooth), _normals(smooth)
         notes = (f"noise: {noise:.3f}", f"smoothed: over {neighbours} points")
-    smooth = near.points
     distance, index = near.within(RANKS[-1] + 1)
     last = index.shape[1] - 1
     radius = distance[:, min(_SPACING_NEIGHBOURS - 1, last)] / 2
-    normal = next(fit_planes(smooth, (1,))).normals
-    seen = Surroundings(
-        _float32(smooth),
-        _float32(smooth - raw),
-        _float32(normal),
-        _float32(radius),
-        _float32(noise / radius),
-        torch.from_numpy(index[:, np.minimum(RANKS, last)].astype(np.int64)),
-    )
-    return seen, notes
+    cloud = (near.points, normals, raw.points, raw_normals, radius, noise / radius)
+    neighbours = torch.from_numpy(index[:, np.minimum(RANKS, last)].astype(np.int64))
+    return Surroundings(*map(_float32, cloud), neighbours), notes
+
+
+def _normals(points: Floats) -> Floats:
+    return next(fit_planes(points, (1,))).normals
 
 
 def places_around(seen: Surroundings, count: int) -> Tensor:

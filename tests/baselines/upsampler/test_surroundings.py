@@ -21,7 +21,8 @@ def test_normals_are_those_of_a_square_and_the_unit_is_its_spacing() -> None:
     seen, notes = surroundings(points)
     assert notes == ()
     np.testing.assert_array_equal(seen.points.numpy(), points)
-    assert not seen.moved.any()
+    assert torch.equal(seen.raw, seen.points)
+    assert torch.equal(seen.raw_normals, seen.normals)
     torch.testing.assert_close(seen.normals.abs(), torch.eye(3)[2].expand(400, 3))
     assert np.median(seen.radius) == pytest.approx(spacing(Nearest(points)), rel=1e-6)
     distance = np.linalg.norm(points[:, None] - points[None], axis=2)
@@ -38,7 +39,7 @@ def test_noisy_points_are_smoothed_and_the_network_is_told() -> None:
     estimate = (seen.noise * seen.radius).numpy()
     expected = noise_scale(Nearest(noisy.astype(np.float32)))
     np.testing.assert_allclose(estimate, expected, rtol=1e-6)
-    np.testing.assert_allclose(seen.points - seen.moved, noisy, rtol=0, atol=1e-6)
+    np.testing.assert_array_equal(seen.raw, noisy.astype(np.float32))
     rough, smooth = (
         np.linalg.norm(points, axis=1) - RADIUS for points in (noisy, seen.points.numpy())
     )
