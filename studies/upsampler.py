@@ -73,13 +73,13 @@ def measured(method_id: str, objects: Iterable[SceneObject]) -> dict[str, float]
             rng = generator("validation condition", name, *key)
             cloud = find_condition(name).perturbation.apply(whole, rng)
             images = to_uint8(renderer.draw(renderer.prepare(cloud, rng), views, rng))
-            found = {
+            scores = {
                 "ssim": float(ssim_per_image(images, truth).ssim.mean()),
                 "lpips": float(lpips(images, truth, single=True).mean()),
             }
             if hasattr(renderer, "network"):
-                found |= of_points(renderer, cloud, obj, rng)
-            for measure, value in found.items():
+                scores |= of_points(renderer, cloud, obj, rng)
+            for measure, value in scores.items():
                 rows.setdefault(f"{measure} {name}", []).append(value)
     return {column: float(np.mean(values)) for column, values in rows.items()}
 
@@ -126,9 +126,13 @@ def main() -> None:
     parser.add_argument("--losses", type=Path)
     parser.add_argument("--opponent")
     given = parser.parse_args()
-    own = f"upsampled-wrap@{given.weights}" if given.weights else "upsampled-wrap"
+    upsampled = f"upsampled-wrap@{given.weights}" if given.weights else "upsampled-wrap"
     training = last_losses(given.losses) if given.losses else {}
-    line = {"name": given.name, **training, **measured(given.opponent or own, validation_objects())}
+    line = {
+        "name": given.name,
+        **training,
+        **measured(given.opponent or upsampled, validation_objects()),
+    }
     before = LOG.read_text(encoding="utf-8") if LOG.exists() else ""
     write_whole(LOG, with_line(before, line).encode())
     print(csv_text(COLUMNS, [[_short(line.get(column, "")) for column in COLUMNS]]))

@@ -119,47 +119,44 @@ class _Round(nn.Module):
         self, features: Tensor, planes: Tensor, seen: Surroundings, also: Tensor
     ) -> tuple[Tensor, Tensor]:
         """Return features [N, C] and planes [N, 6] of those before; `also` [N, K, 3] of pairs."""
-        place, own, near = planes[:, :3], planes[:, 3:], seen.neighbours
-        pairs = _pairs(place, own, _of(planes, near), seen.radius)
+        place, normals, near = planes[:, :3], planes[:, 3:], seen.neighbours
+        pairs = _pairs(place, normals, _of(planes, near), seen.radius)
         raw = (_of(seen.raw, near) - place[:, None]) / seen.radius[:, None, None]
-        raw_height = _dot(raw, own[:, None])
+        raw_height = _dot(raw, normals[:, None])
         known = torch.cat([_invariants(pairs, also), raw_height.abs()[..., None]], dim=2)
-        normal = self.norm(features)
-        heard = _of(self.there(normal), near) + self.here(normal)[:, None] + self.pair(known)
+        normed = self.norm(features)
+        heard = _of(self.there(normed), near) + self.here(normed)[:, None] + self.pair(known)
         message = self.message(heard.relu()).relu()
         features = features + self.out(message.amax(dim=1))
         onto, up, along, raw_up, raw_along, beside, slope = self._multiples(message)
-        move = _sum(onto * pairs.back, pairs.normals)
+        move, tilt = self._way_back(features, planes, seen)
+        # Onto the planes of the others, towards them, and towards where they were before smoothing.
+        move = move + _sum(onto * pairs.back, pairs.normals)
         move = move + _sum(along, pairs.offset) + _sum(raw_along, raw)
+        # Along the own normal, as high as the others are and were.
         heights = up * pairs.height + raw_up * raw_height
-        move = move + heights.sum(dim=1, keepdim=True) * own
-        tilt = _sum(beside * pairs.cosine.sign(), pairs.normals)
+        move = move + heights.sum(dim=1, keepdim=True) * normals
+        # The normal turns towards those of the others, and with the slope that they stand on.
+        tilt = tilt + _sum(beside * pairs.cosine.sign(), pairs.normals)
         tilt = tilt + _sum(slope * pairs.height, pairs.offset)
-        move, tilt = self._taken_back(features, place, own, move, tilt, seen)
-        turned = functional.normalize(own + tilt, dim=1)
+        turned = functional.normalize(normals + tilt, dim=1)
         return features, torch.cat([place + move * seen.radius[:, None], turned], dim=1)
 
     def _multiples(self, message: Tensor) -> tuple[Tensor, ...]:
         """Return seven learned numbers for each pair, [N, K] each: shares of a mean over K."""
         return (self.multiples(message).float() / message.shape[1]).unbind(dim=2)
 
-    def _taken_back(
-        self,
-        features: Tensor,
-        place: Tensor,
-        own: Tensor,
-        move: Tensor,
-        tilt: Tensor,
-        seen: Surroundings,
+    def _way_back(
+        self, features: Tensor, planes: Tensor, seen: Surroundings
     ) -> tuple[Tensor, Tensor]:
-        """Return moves and tilts [N, 3] with a learned share of the way back to the raw points.
+        """Return moves and tilts [N, 3]: learned shares of the way back to the raw points.
 
         Smoothing takes a thin object for noise now and then.
         """
         place_back, normal_back = self.back(features).float().split(1, dim=1)
-        same = _dot(own, seen.raw_normals).sign()[:, None]
-        move = move + place_back * (seen.raw - place) / seen.radius[:, None]
-        return move, tilt + normal_back * same * seen.raw_normals
+        way = (seen.raw - planes[:, :3]) / seen.radius[:, None]
+        same = _dot(planes[:, 3:], seen.raw_normals).sign()[:, None]
+        return place_back * way, normal_back * same * seen.raw_normals
 
 
 class Upsampler(nn.Module):
@@ -210,10 +207,10 @@ class Upsampler(nn.Module):
         seen = cloud.seen
         asked = torch.cat([nearest[:, None], seen.neighbours[nearest, : ASKED - 1]], dim=1)
         radius, planes = seen.radius[nearest], _of(cloud.planes, asked)
-        own = planes[:, 0, 3:]
-        pairs = _pairs(places, own, planes, radius)
+        nearest_normal = planes[:, 0, 3:]
+        pairs = _pairs(places, nearest_normal, planes, radius)
         larger = (_of(seen.radius, asked) / radius[:, None]).log()
-        above = _dot(pairs.offset - pairs.offset[:, :1], own[:, None]).abs()
+        above = _dot(pairs.offset - pairs.offset[:, :1], nearest_normal[:, None]).abs()
         noise = (seen.noise[nearest] / _NOISE_UNIT)[:, None].expand_as(larger)
         known = _invariants(pairs, torch.stack([larger, above, noise], dim=2))
         inner = self.inner((_of(cloud.features, asked) + self.place(known)).relu())
@@ -224,7 +221,7 @@ class Upsampler(nn.Module):
         # A height above a plane is `back`; to move onto it is to go so far against its normal.
         move = _sum((onto - (near - squares).softmax(dim=1)) * pairs.back, pairs.normals)
         move = move + _sum(along, pairs.offset)
-        move = move + (up * pairs.height).sum(dim=1, keepdim=True) * own
+        move = move + (up * pairs.height).sum(dim=1, keepdim=True) * nearest_normal
         share = ((alike - squares).softmax(dim=1) + beside) * pairs.cosine.sign()
         normal = _sum(share, pairs.normals) + _sum(slope * pairs.height, pairs.offset)
         return places + move * radius[:, None], functional.normalize(normal, dim=1)
@@ -241,8 +238,8 @@ def _zeros(width: int, numbers: int) -> nn.Linear:
 def _pairs(place: Tensor, normal: Tensor, others: Tensor, radius: Tensor) -> _Pairs:
     """Return the pairs of places [Q, 3] and normals [Q, 3] with planes [Q, K, 6]."""
     offset = (others[..., :3] - place[:, None]) / radius[:, None, None]
-    normals, own = others[..., 3:], normal[:, None]
-    return _Pairs(offset, normals, _dot(offset, own), -_dot(offset, normals), _dot(normals, own))
+    normals, here = others[..., 3:], normal[:, None]
+    return _Pairs(offset, normals, _dot(offset, here), -_dot(offset, normals), _dot(normals, here))
 
 
 def _invariants(pairs: _Pairs, also: Tensor) -> Tensor:
