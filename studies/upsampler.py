@@ -113,8 +113,9 @@ def _short(value: Any) -> str:
 def last_losses(path: Path) -> dict[str, Any]:
     """Return the steps of a training, and the means of its last losses."""
     losses = pd.read_csv(path)
-    means = losses.tail(_LAST)[list(_TRAINING[1:])].mean()
-    return {"steps": int(losses["step"].iloc[-1]), **means.to_dict()}
+    last = losses.tail(_LAST)
+    means = {name: float(last[name].mean()) for name in _TRAINING[1:]}
+    return {"steps": int(losses["step"].iloc[-1]), **means}
 
 
 def main() -> None:

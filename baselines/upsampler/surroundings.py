@@ -51,9 +51,16 @@ def surroundings(points: Points) -> tuple[Surroundings, tuple[str, ...]]:
     distance, index = near.within(RANKS[-1] + 1)
     last = index.shape[1] - 1
     radius = distance[:, min(_SPACING_NEIGHBOURS - 1, last)] / 2
-    cloud = (near.points, normals, raw.points, raw_normals, radius, noise / radius)
-    neighbours = torch.from_numpy(index[:, np.minimum(RANKS, last)].astype(np.int64))
-    return Surroundings(*map(_float32, cloud), neighbours), notes
+    seen = Surroundings(
+        points=_float32(near.points),
+        normals=_float32(normals),
+        raw=_float32(raw.points),
+        raw_normals=_float32(raw_normals),
+        radius=_float32(radius),
+        noise=_float32(noise / radius),
+        neighbours=torch.from_numpy(index[:, np.minimum(RANKS, last)].astype(np.int64)),
+    )
+    return seen, notes
 
 
 def _normals(points: Floats) -> Floats:
