@@ -27,6 +27,7 @@ _PAIR = 8  # numbers that relate two points, or a place and a point
 _RAW = 1  # and one about a point as it was before it was smoothed
 _PLACES_TOGETHER = 2**10  # what they take stays in a processor's cache
 _NOISE_UNIT = 3.0  # spacings: noise of 10 % at 2,048 points
+_REACH = 8.0  # mean multiple of a near neighbour at most: a bound, lest planes move without end
 _BENT = 0.04  # squared spacings: products of heights below this are hardly told apart
 _TINY = 1e-8  # squared spacings: a distance has a gradient at 0, too
 
@@ -128,7 +129,11 @@ class _Round(nn.Module):
         heard = _of(self.there(normed), near) + self.here(normed)[:, None] + self.pair(known)
         message = self.message(heard.relu()).relu()
         features = features + self.out(message.amax(dim=1))
-        onto, up, along, raw_up, raw_along, beside, slope = self._multiples(message)
+        # Far neighbours count for less, so that no plane is thrown beyond what it has heard of.
+        far = 1 + (_dot(pairs.offset, pairs.offset) + _dot(raw, raw) + _TINY).sqrt()
+        most = _REACH / (far * near.shape[1])
+        multiples = most[..., None] * self.multiples(message).float().tanh()
+        onto, up, along, raw_up, raw_along, beside, slope = multiples.unbind(dim=2)
         move, tilt = self._way_back(features, planes, seen)
         # Onto the planes of the others, towards them, and towards where they were before smoothing.
         move = move + _sum(onto * pairs.back, pairs.normals)
@@ -142,10 +147,6 @@ class _Round(nn.Module):
         turned = functional.normalize(normals + tilt, dim=1)
         return features, torch.cat([place + move * seen.radius[:, None], turned], dim=1)
 
-    def _multiples(self, message: Tensor) -> tuple[Tensor, ...]:
-        """Return seven learned numbers for each pair, [N, K] each: shares of a mean over K."""
-        return (self.multiples(message).float() / message.shape[1]).unbind(dim=2)
-
     def _way_back(
         self, features: Tensor, planes: Tensor, seen: Surroundings
     ) -> tuple[Tensor, Tensor]:
@@ -153,7 +154,7 @@ class _Round(nn.Module):
 
         Smoothing takes a thin object for noise now and then.
         """
-        place_back, normal_back = self.back(features).float().split(1, dim=1)
+        place_back, normal_back = self.back(features).float().tanh().split(1, dim=1)
         way = (seen.raw - planes[:, :3]) / seen.radius[:, None]
         same = _dot(planes[:, 3:], seen.raw_normals).sign()[:, None]
         return place_back * way, normal_back * same * seen.raw_normals
