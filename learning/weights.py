@@ -181,7 +181,7 @@ FILES: dict[str, WeightFiles] = {
         "baselines.upsampler",
         "upsampler",
         "upsampler-weights-1",
-        {"all": "85fb1aedd07f29c1cec65556486da4b16327742b0d9e2b3f4dbfe460f5b66bbb"},
+        {"all": "bee9b368a9f2d32204b7debe02bdb51404faeac781785bc31e9f1bd8ed600e10"},
     ),
     "baselines.occupancy_net": _files(
         "baselines.occupancy_net",

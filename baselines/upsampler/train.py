@@ -1,9 +1,10 @@
 """Training of the network: places near clouds are moved onto the surface, and told its normals.
 
 The loss is the distance to the nearest point of the surface, in spacings of the points, and the
-sine of the angle between normals, squared. Places lie evenly around all points, so what the moved
-ones cover needs no loss of its own. A cloud under noise counts less by its noise: errors there are
-as large as the noise, and would drown those of clean clouds.
+sine of the angle between normals. Neither is squared: flat sides, where both are small, would
+hardly count beside creases, where the points leave open what is right. Places lie evenly around all
+points, so what the moved ones cover needs no loss of its own. A cloud under noise counts less by
+its noise: errors there are as large as the noise, and would drown those of clean clouds.
 """
 
 from __future__ import annotations
@@ -24,8 +25,8 @@ PLACES = 2048  # of an object in a step
 _HELD_OUT = 24  # clouds at most, spread over the data, that are not trained on
 _LEFT = 4  # of as many clouds one at most is held out
 _VALIDATED_EVERY = 250  # steps
-_NORMALS = 0.3  # weight of their loss
-_ROUND = 0.02  # spacings: distances below have a gradient that falls to 0
+_NORMALS = 0.5  # weight of their loss
+_ROUND = 0.02  # spacings, and sines: errors below have a gradient that falls to 0
 _NOISE_COUNTS = 2.0  # a loss is divided by 1 + so many times the noise in spacings
 
 
@@ -89,11 +90,11 @@ class UpsamplerTrainer(CooledTrainer):
         targets: Tensor,
         normals: Tensor,
     ) -> tuple[Tensor, Tensor]:
-        """Return distances [Q] from the targets, in spacings, and squared sines of the normals."""
+        """Return distances [Q] from the targets, in spacings, and sines [Q] between normals."""
         moved, told = network(seen, places, nearest)
         apart = (moved - targets) / seen.radius[nearest][:, None]
-        distance = (apart.square().sum(dim=1) + _ROUND**2).sqrt() - _ROUND
-        return distance, 1 - (told * normals).sum(dim=1).square()
+        sine = torch.linalg.cross(told, normals)
+        return _length(apart), _length(sine)
 
     def _batch(
         self, objects: list[int], first: int
@@ -110,6 +111,11 @@ class UpsamplerTrainer(CooledTrainer):
         places, targets, normals = (values.flatten(0, 1).to(self.device) for values in rest)
         seen = replace(seen, neighbours=neighbours).to(self.device)
         return seen, places, nearest.flatten().to(self.device), targets, normals
+
+
+def _length(vectors: Tensor) -> Tensor:
+    """Return lengths [Q] of vectors [Q, 3], rounded off at 0."""
+    return (vectors.square().sum(dim=1) + _ROUND**2).sqrt() - _ROUND
 
 
 def _rows(seen: Surroundings, rows: slice) -> Surroundings:
