@@ -225,7 +225,7 @@ class Upsampler(nn.Module):
         move = move + (up * pairs.height).sum(dim=1, keepdim=True) * nearest_normal
         share = ((alike - squares).softmax(dim=1) + beside) * pairs.cosine.sign()
         normal = _sum(share, pairs.normals) + _sum(slope * pairs.height, pairs.offset)
-        return places + move * radius[:, None], functional.normalize(normal, dim=1)
+        return places + move * radius[:, None], functional.normalize(normal.float(), dim=1)
 
 
 def _zeros(width: int, numbers: int) -> nn.Linear:

@@ -176,7 +176,6 @@ INPUTS = ("windows", "normals", "density", "flattened", "far", "meshes")  # of s
         ("occupancy-net", "hidden", 6, "has shape"),
         *(("upsampler", "width", value, "sizes") for value in (0, True, 10**9, 8.0)),
         ("upsampler", "rounds", 0, "sizes"),
-        ("upsampler", "heads", 4, "width 6 with 4 heads"),
         ("upsampler", "width", 8, "has shape"),
         ("upsampler", "rounds", 1000, "is missing"),
     ],
