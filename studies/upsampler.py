@@ -23,12 +23,11 @@ from typing import Any
 import numpy as np
 import pandas as pd
 
-from baselines.reconstruction.alpha_wrap import MOST_POINTS
+from baselines.reconstruction.denoised import MOST_POINTS
 from baselines.reconstruction.stages import used_points
 from baselines.reconstruction.surface import NORMAL_NEIGHBOURS
 from baselines.upsampler.data import nearest_on_surface
 from baselines.upsampler.projection import LearnedSurface
-from baselines.upsampler.renderer import POINTS_FOR_ONE
 from bench.catalogue.conditions import find_condition
 from bench.catalogue.methods import find_method
 from bench.metrics.lpips_network import lpips
@@ -43,6 +42,7 @@ from data_prep.scene import PointCloud
 
 CONDITIONS = ("2048", "512", "noise-0.05", "noise-0.10")
 OBJECTS, VIEWS = 2, 4  # of each class, and of each object
+FOR_ONE = 16  # places for each point of a cloud, of which the distances are
 LOG = Path(__file__).resolve().parents[1] / "baselines" / "upsampler" / "weights" / "log.csv"
 _TRAINING = ("steps", "distance", "normals", "validation")
 _MEASURED = ("points", "degrees", "ssim", "lpips")
@@ -89,7 +89,7 @@ def of_points(
 ) -> dict[str, float]:
     """Return how far filled-up points lie from the surface, and the angle between normals there."""
     points, _ = used_points(cloud, NORMAL_NEIGHBOURS + 1, MOST_POINTS, "surfaces")
-    dense = LearnedSurface(renderer.network, points).upsampled(POINTS_FOR_ONE)
+    dense = LearnedSurface(renderer.network, points).upsampled(FOR_ONE)
     mesh = obj.load()
     corners = mesh.vertices.astype(np.float64)[mesh.faces]
     places = dense.points.astype(np.float64)

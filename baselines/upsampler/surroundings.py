@@ -27,9 +27,7 @@ from data_prep.scene import Points
 # look (at 10 % and 2,048 points a standard deviation is as far as the 20th, three as the 180th).
 RANKS = (*range(1, 9), 11, 15, 20, 27, 36, 48, 64, 88)
 _SPACING_NEIGHBOURS = 16  # as of `spacing`
-# Of the disc around a point that is filled up, in spacings: points that are drawn independently
-# leave gaps as wide as that.
-_DISC = 2.0
+_DISC = 1.0  # radius of the disc around a point that is filled up, in spacings
 _UPRIGHT = 1e-6  # an offset of so small a part in the tangent plane has no direction there
 _GOLDEN_ANGLE = np.pi * (3 - np.sqrt(5))
 
@@ -68,13 +66,14 @@ def _normals(points: Floats) -> Floats:
 
 
 def places_around(seen: Surroundings, count: int) -> Tensor:
-    """Return `count` places around each point, in its tangent plane, [N * count, 3].
+    """Return `count` places for each point, in its tangent plane, [N * count, 3].
 
-    They fill a disc evenly, in the order of a sunflower's seeds (Vogel 1979), from the direction of
-    the nearest point on to the side of the second: places turn with the cloud.
+    The first is the point itself. They fill a disc evenly, in the order of a sunflower's seeds
+    (Vogel 1979), from the direction of the nearest point on to the side of the second: places turn
+    with the cloud.
     """
     number = np.arange(count)
-    distance, angle = _DISC * np.sqrt((number + 0.5) / count), number * _GOLDEN_ANGLE
+    distance, angle = _DISC * np.sqrt(number / count), number * _GOLDEN_ANGLE
     spiral = np.column_stack([distance * np.cos(angle), distance * np.sin(angle)])
     points, normals = (values.cpu().numpy().astype(float) for values in (seen.points, seen.normals))
     first, second = (points[row] - points for row in seen.neighbours[:, :2].T.cpu().numpy())

@@ -198,7 +198,7 @@ _STATED: Mapping[str, _Statements] = {
     "denoised-wrap": _WRAP,
     "upsampled-wrap": {
         **_WRAP,
-        # The ball rolls over sixteen times as many points, so the last bit may let it in somewhere.
+        # The ball rolls over four times as many points, so the last bit may let it in somewhere.
         "last-bit normalised-1-1e6": Agrees(2.0),
         "noise-1 noise-2": _INSIDE,
     },

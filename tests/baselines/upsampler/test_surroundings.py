@@ -68,12 +68,13 @@ def test_places_turn_with_the_cloud_whatever_the_signs_of_normals() -> None:
     np.testing.assert_allclose(turned, places @ turn.T, rtol=0, atol=1e-5)
 
 
-def test_places_fill_discs_of_two_spacings_in_the_plane_of_each_point() -> None:
+def test_places_fill_discs_of_a_spacing_in_the_plane_of_each_point() -> None:
     seen, _ = surroundings(square())
     places = places_around(seen, 16).view(400, 16, 3)
+    assert torch.equal(places[:, 0], seen.points)
     offset = (places - seen.points[:, None]) / seen.radius[:, None, None]
     assert not offset[..., 2].any()
-    # of a disc with the radius 2 in rings of equal area, the middle of each
-    expected = 2 * torch.sqrt((torch.arange(16) + 0.5) / 16).expand(400, 16)
+    # rings of equal area of a disc with the radius 1, by their inner edge
+    expected = torch.sqrt(torch.arange(16) / 16).expand(400, 16)
     torch.testing.assert_close(offset.norm(dim=2), expected, rtol=1e-4, atol=1e-5)
-    assert offset.mean(dim=1).norm(dim=1).max() < 0.25  # to all sides
+    assert offset.mean(dim=1).norm(dim=1).max() < 0.15  # to all sides
