@@ -181,7 +181,7 @@ FILES: dict[str, WeightFiles] = {
         "baselines.upsampler",
         "upsampler",
         "upsampler-weights-1",
-        {"all": "bee9b368a9f2d32204b7debe02bdb51404faeac781785bc31e9f1bd8ed600e10"},
+        {"all": "fcbfd77b7e0776ac17d5f66b740d36119fc9b858f49950908654e74c29e9e314"},
     ),
     "baselines.occupancy_net": _files(
         "baselines.occupancy_net",
