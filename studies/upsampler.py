@@ -1,11 +1,12 @@
 """What a stretch of the up-sampler's training has brought, on validation objects.
 
     python -m studies.upsampler NAME [--weights FILE] [--losses training/upsampler/losses.csv]
+    python -m studies.upsampler NAME --opponent METHOD
 
-Adds the line NAME to `baselines/upsampler/weights/log.csv`: the last losses of the training, how
-far the filled-up points of the weights lie from the surface, what their normals miss, and the
-images of upsampled-wrap. With `--opponent METHOD` in place of weights the line has the images of
-another method, by the same clouds and views.
+Adds the line NAME to `baselines/upsampler/weights/log.csv`. It has the means of the last 50 lines
+of losses.csv; how far the points filled up by the network lie from the surface, sixteen for each, and
+by what angle their normals are off; and the scores of the images of upsampled-wrap. The second
+command adds the scores of another method, for the same clouds and views.
 
 Two objects of each class of `procedural:validation`, four views, truth in grey. Distances are means
 over the points, in thousandths of the object's radius; angles are means in degrees.
@@ -28,6 +29,7 @@ from baselines.reconstruction.stages import used_points
 from baselines.reconstruction.surface import NORMAL_NEIGHBOURS
 from baselines.upsampler.data import nearest_on_surface
 from baselines.upsampler.projection import LearnedSurface
+from baselines.upsampler.renderer import UpsampledWrapRenderer
 from bench.catalogue.conditions import find_condition
 from bench.catalogue.methods import find_method
 from bench.metrics.lpips_network import lpips
@@ -42,12 +44,12 @@ from data_prep.scene import PointCloud
 
 CONDITIONS = ("2048", "512", "noise-0.05", "noise-0.10")
 OBJECTS, VIEWS = 2, 4  # of each class, and of each object
-FOR_ONE = 16  # places for each point of a cloud, of which the distances are
+FOR_ONE = 16  # places around each point of a cloud; their distances and angles are averaged
 LOG = Path(__file__).resolve().parents[1] / "baselines" / "upsampler" / "weights" / "log.csv"
 _TRAINING = ("steps", "distance", "normals", "validation")
 _MEASURED = ("points", "degrees", "ssim", "lpips")
 COLUMNS = ("name", *_TRAINING, *(f"{m} {c}" for c in CONDITIONS for m in _MEASURED))
-_LAST = 50  # lines of the losses, of ten steps each
+_LAST = 50  # lines of losses.csv; each holds the losses of one step, every tenth is written
 
 
 def validation_objects() -> Iterator[SceneObject]:
@@ -59,7 +61,9 @@ def validation_objects() -> Iterator[SceneObject]:
 
 
 def measured(method_id: str, objects: Iterable[SceneObject]) -> dict[str, float]:
-    """Return the means of a method by the names of columns; of its points where it has a network.
+    """Return the mean scores of a method, by column.
+
+    Of upsampled-wrap also how far its filled-up points and their normals are off.
 
     Raises StageFailure where the method fails at one of the objects.
     """
@@ -77,7 +81,7 @@ def measured(method_id: str, objects: Iterable[SceneObject]) -> dict[str, float]
                 "ssim": float(ssim_per_image(images, truth).ssim.mean()),
                 "lpips": float(lpips(images, truth, single=True).mean()),
             }
-            if hasattr(renderer, "network"):
+            if isinstance(renderer, UpsampledWrapRenderer):
                 scores |= of_points(renderer, cloud, obj, rng)
             for measure, value in scores.items():
                 rows.setdefault(f"{measure} {name}", []).append(value)
@@ -85,7 +89,7 @@ def measured(method_id: str, objects: Iterable[SceneObject]) -> dict[str, float]
 
 
 def of_points(
-    renderer: Any, cloud: PointCloud, obj: SceneObject, rng: np.random.Generator
+    renderer: UpsampledWrapRenderer, cloud: PointCloud, obj: SceneObject, rng: np.random.Generator
 ) -> dict[str, float]:
     """Return how far filled-up points lie from the surface, and the angle between normals there."""
     points, _ = used_points(cloud, NORMAL_NEIGHBOURS + 1, MOST_POINTS, "surfaces")

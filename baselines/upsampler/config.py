@@ -1,4 +1,4 @@
-"""The configuration of a training; it loads no PyTorch, as command lines need it."""
+"""The configuration of a training. It imports no PyTorch, because command lines read it."""
 
 from __future__ import annotations
 

@@ -26,7 +26,8 @@ from data_prep.scene import CLOUD_SIZE
 from learning.clouds import CLEAN_SHARE, MAX_NOISE
 
 PLACES = 4096  # of an object
-# Points of a cloud: as in the benchmark for one half, any number by its logarithm for the other.
+# With probability _USUAL a cloud has CLOUD_SIZE points. Otherwise their number lies between _FEWEST
+# and _MOST, and its logarithm is uniformly distributed.
 _FEWEST, _MOST = 192, 4096
 _USUAL = 0.5
 # Spacings: radii of the discs around points in which places lie, and standard deviations of their
@@ -34,7 +35,7 @@ _USUAL = 0.5
 _ASIDE = (1.0, 2.0)
 _ABOVE = (0.1, 0.5)
 _DENSE = 20_000  # points of the surface by which the faces near a place are found
-_FACES = 4  # near a place: of as many dense points
+_FACES = 4  # tried for a place: those of its four nearest dense points
 
 
 @dataclass(frozen=True, eq=False)
@@ -44,7 +45,7 @@ class UpsamplerSet:
     clouds   the surroundings of all points
     first    int64 [M + 1]: the first point of each cloud, and the number of all
     places   float32 [M, Q, 3]
-    nearest  int64 [M, Q]: the nearest point of each place, in its cloud
+    nearest  int64 [M, Q]: the index, within its cloud, of the point nearest to each place
     targets  float32 [M, Q, 3]: the nearest point of the surface
     normals  float32 [M, Q, 3]: of the surface there, of the side that its face looks to
     """

@@ -21,13 +21,17 @@ import torch
 from torch import Tensor, nn
 from torch.nn import functional
 
-ASKED = 12  # points around a place that answer: its nearest point, and the nearest to that one
+# Points that a place is moved by: its nearest point, and the first eleven in that point's
+# `neighbours`, which are its 1st to 8th, 11th, 15th and 20th nearest (`surroundings.RANKS`).
+ASKED = 12
 _NODE = 3  # numbers that a point starts from: noise, how far it was moved, how little it was turned
 _PAIR = 8  # numbers that relate two points, or a place and a point
 _RAW = 1  # and one about a point as it was before it was smoothed
 _PLACES_TOGETHER = 2**10  # what they take stays in a processor's cache
 _NOISE_UNIT = 3.0  # spacings: noise of 10 % at 2,048 points
-_REACH = 8.0  # mean multiple of a near neighbour at most: a bound, lest planes move without end
+# In a round the absolute multiples of all neighbours of a point add up to at most so much. Without
+# a bound a training diverged; with half of it it learned more slowly.
+_REACH = 8.0
 _BENT = 0.04  # squared spacings: products of heights below this are hardly told apart
 _TINY = 1e-8  # squared spacings: a distance has a gradient at 0, too
 
@@ -57,8 +61,8 @@ class Surroundings:
     raw_normals float32 [N, 3]: of the planes of their nearest neighbours before that
     radius      float32 [N], > 0: the spacing of the points there, the unit of length
     noise       float32 [N], >= 0: standard deviation of the noise, in that unit
-    neighbours  int64 [N, K], K >= ASKED - 1: indices of points, the nearest first, itself not among
-                them
+    neighbours  int64 [N, K], K >= ASKED - 1: indices of neighbours, by distance, as many and of the
+                ranks that `surroundings.RANKS` says; the point itself is not among them
     """
 
     points: Tensor
@@ -119,7 +123,11 @@ class _Round(nn.Module):
     def forward(
         self, features: Tensor, planes: Tensor, seen: Surroundings, also: Tensor
     ) -> tuple[Tensor, Tensor]:
-        """Return features [N, C] and planes [N, 6] of those before; `also` [N, K, 3] of pairs."""
+        """Return features [N, C] and planes [N, 6] after this round, from those before it.
+
+        `also` [N, K, 3]: the log ratio of the neighbour's spacing to the point's own, how far
+        smoothing moved the neighbour, and the noise at the point.
+        """
         place, normals, near = planes[:, :3], planes[:, 3:], seen.neighbours
         pairs = _pairs(place, normals, _of(planes, near), seen.radius)
         raw = (_of(seen.raw, near) - place[:, None]) / seen.radius[:, None, None]
@@ -129,7 +137,7 @@ class _Round(nn.Module):
         heard = _of(self.there(normed), near) + self.here(normed)[:, None] + self.pair(known)
         message = self.message(heard.relu()).relu()
         features = features + self.out(message.amax(dim=1))
-        # Far neighbours count for less, so that no plane is thrown beyond what it has heard of.
+        # A neighbour's multiple is divided by 1 + its distance: one far away moves a plane little.
         far = 1 + (_dot(pairs.offset, pairs.offset) + _dot(raw, raw) + _TINY).sqrt()
         most = _REACH / (far * near.shape[1])
         multiples = most[..., None] * self.multiples(message).float().tanh()
@@ -152,7 +160,7 @@ class _Round(nn.Module):
     ) -> tuple[Tensor, Tensor]:
         """Return moves and tilts [N, 3]: learned shares of the way back to the raw points.
 
-        Smoothing takes a thin object for noise now and then.
+        Smoothing sometimes flattens a thin part as if it were noise; this lets the network undo it.
         """
         place_back, normal_back = self.back(features).float().tanh().split(1, dim=1)
         way = (seen.raw - planes[:, :3]) / seen.radius[:, None]

@@ -1,7 +1,8 @@
 """The surface that the network sees in a cloud: places near it are moved onto it.
 
-This is what all that draws by the network needs. Filling up a cloud moves places around its points;
-a mesh is laid onto the surface by its corners, and told where it faces by the middles of its faces.
+Every renderer that uses the network needs this. A cloud is filled up by moving places around its
+points. Of a mesh the corners are moved onto the surface, and normals are asked for at the middles
+of its faces.
 """
 
 from __future__ import annotations

@@ -1,10 +1,10 @@
 """upsampled-wrap as a method of the benchmark: an alpha wrap, laid onto the learned surface.
 
 The cloud is moved onto the surface, filled up, and wrapped, as `alpha-wrap` wraps the points alone.
-The wrap says what hangs together, and is coarse. Its faces are divided until they are about as
-small as the image shows, their corners moved onto the surface, and then moved a little more, so
-that the faces look where the network says that the surface looks: sides become flat and creases
-sharp.
+The wrap decides which parts are connected, but its faces are coarse. They are divided until half of
+their edges are at most 1.7 pixels long. Their corners are moved onto the surface, and then a little
+more, so that the faces look where the network says that the surface looks: sides become flat and
+creases sharp.
 """
 
 from __future__ import annotations

@@ -23,8 +23,9 @@ from baselines.upsampler.network import Surroundings
 from data_prep.arrays import Floats
 from data_prep.scene import Points
 
-# Of the neighbours of a point by distance: its nearest, and a few as far away as noise makes one
-# look (at 10 % and 2,048 points a standard deviation is as far as the 20th, three as the 180th).
+# The ranks, by distance, of the neighbours that a point hears of: the eight nearest for detail,
+# farther ones for noise. With 2,048 points a standard deviation of 10 % is as far as the 20th to
+# 50th neighbour, and five rounds reach five times as far as one.
 RANKS = (*range(1, 9), 11, 15, 20, 27, 36, 48, 64, 88)
 _SPACING_NEIGHBOURS = 16  # as of `spacing`
 _DISC = 1.0  # radius of the disc around a point that is filled up, in spacings
@@ -35,8 +36,8 @@ _GOLDEN_ANGLE = np.pi * (3 - np.sqrt(5))
 def surroundings(points: Points) -> tuple[Surroundings, tuple[str, ...]]:
     """Return what the network sees around different, finite points [N, 3], N > 1, and notes.
 
-    The notes say how noisy points were smoothed. Fewer points than the network looks at stand for
-    one another: the farthest is repeated.
+    The notes say how noisy points were smoothed. Where a cloud has no neighbour of some rank, its
+    farthest point takes that place.
     """
     raw, sample = searched(points)
     noise = noise_scale(sample)
@@ -69,8 +70,8 @@ def places_around(seen: Surroundings, count: int) -> Tensor:
     """Return `count` places for each point, in its tangent plane, [N * count, 3].
 
     The first is the point itself. They fill a disc evenly, in the order of a sunflower's seeds
-    (Vogel 1979), from the direction of the nearest point on to the side of the second: places turn
-    with the cloud.
+    (Vogel 1979). Angles start at the direction of the nearest point and grow to the side of the
+    second nearest, so that the places turn with the cloud.
     """
     number = np.arange(count)
     distance, angle = _DISC * np.sqrt(number / count), number * _GOLDEN_ANGLE

@@ -1,10 +1,11 @@
 """Training of the network: places near clouds are moved onto the surface, and told its normals.
 
 The loss is the distance to the nearest point of the surface, in spacings of the points, and the
-sine of the angle between normals. Neither is squared: flat sides, where both are small, would
-hardly count beside creases, where the points leave open what is right. Places lie evenly around all
-points, so what the moved ones cover needs no loss of its own. A cloud under noise counts less by
-its noise: errors there are as large as the noise, and would drown those of clean clouds.
+sine of the angle between normals. Neither is squared. Squares would let the large errors at
+creases, where the points do not say what is right, outweigh the small ones of flat sides. There is
+no loss for parts of the surface that no moved place reaches, because places are spread evenly around all
+points. A cloud under noise counts less by its noise: errors there are as large as the noise, and
+would drown those of clean clouds.
 """
 
 from __future__ import annotations
@@ -23,7 +24,7 @@ from learning.trainer import CooledTrainer
 
 PLACES = 2048  # of an object in a step
 _HELD_OUT = 24  # clouds at most, spread over the data, that are not trained on
-_LEFT = 4  # of as many clouds one at most is held out
+_LEFT = 4  # one cloud in four is held out, at least one and at most _HELD_OUT
 _VALIDATED_EVERY = 250  # steps
 _NORMALS = 0.5  # weight of their loss
 _ROUND = 0.02  # spacings, and sines: errors below have a gradient that falls to 0

@@ -30,7 +30,7 @@ TAIL_COLUMNS = (
     *("suite", "method", "condition", "class", "metric", "statistic", "value", "n_ok", "n"),
     *("worst", "worst_object", "worst_view"),
 )
-_HUNDREDTH = 100  # images, of which one is among the worst
+_HUNDREDTH = 100  # one image in so many counts as among the worst
 
 
 def tail_images(run: Run) -> pd.DataFrame:
@@ -74,7 +74,7 @@ def tail_rows(images: pd.DataFrame, suite: str) -> pd.DataFrame:
 
 
 def _statistic(values: pd.Series[float]) -> tuple[str, float]:
-    """Return what is told of the values of a cell's images, and its value."""
+    """Return the name of the statistic that suits the metric, and its value for these images."""
     if values.name in INVENTED:
         return SHARE, 100.0 * float((values > 0).mean())
     count = math.ceil(len(values) / _HUNDREDTH)

@@ -1,7 +1,7 @@
 """Invented holes and parts: what a drawing lacks inside the true object, and has beside it.
 
-Scores by pixels or by features hardly tell a thousand pixels that are a little off from a hole in
-the back of a chair; who looks at the image does.
+Scores of pixels or of features hardly differ between a thousand pixels of slightly wrong colour and
+a hole in the back of a chair; a viewer sees the hole at once.
 
 * Inside are the pixels of the true silhouette whose centres lie at least 3 px from all that is not
   silhouette, outside those that lie as far from the silhouette: what is off by a pixel or two, as
@@ -20,8 +20,8 @@ from numpy.typing import NDArray
 from bench.metrics.silhouette import Masks, Pairs, large_groups
 
 _LEAST_GROUP = 20  # pixels, connected also at corners
-# Of the square about a pixel that holds all pixels nearer than 3 px: the farthest, at its corner,
-# is 2.83 px away, and the nearest that is not in it 3 px.
+# Side of the square around a pixel that holds exactly the pixels nearer than 3 px: its corners are
+# 2.83 px from the centre, and the nearest pixel outside it is 3 px away.
 _SQUARE = 5  # px
 
 
