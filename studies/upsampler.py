@@ -4,8 +4,8 @@
     python -m studies.upsampler NAME --opponent METHOD
 
 Adds the line NAME to `baselines/upsampler/weights/log.csv`. It has the means of the last 50 lines
-of losses.csv; how far the points filled up by the network lie from the surface, sixteen for each, and
-by what angle their normals are off; and the scores of the images of upsampled-wrap. The second
+of losses.csv; how far the points filled up by the network lie from the surface, sixteen for each,
+and by what angle their normals are off; and the scores of the images of upsampled-wrap. The second
 command adds the scores of another method, for the same clouds and views.
 
 Two objects of each class of `procedural:validation`, four views, truth in grey. Distances are means

@@ -3,9 +3,9 @@
 The loss is the distance to the nearest point of the surface, in spacings of the points, and the
 sine of the angle between normals. Neither is squared. Squares would let the large errors at
 creases, where the points do not say what is right, outweigh the small ones of flat sides. There is
-no loss for parts of the surface that no moved place reaches, because places are spread evenly around all
-points. A cloud under noise counts less by its noise: errors there are as large as the noise, and
-would drown those of clean clouds.
+no loss for parts of the surface that no moved place reaches, because places are spread evenly
+around all points. A cloud under noise counts less by its noise: errors there are as large as the
+noise, and would drown those of clean clouds.
 """
 
 from __future__ import annotations
