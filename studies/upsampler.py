@@ -1,4 +1,4 @@
-"""What a stretch of the up-sampler's training has brought, on validation objects.
+"""Measure what a stretch of the up-sampler's training has brought, on validation objects.
 
     python -m studies.upsampler NAME [--weights FILE] [--losses training/upsampler/losses.csv]
     python -m studies.upsampler NAME --opponent METHOD

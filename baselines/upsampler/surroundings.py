@@ -1,4 +1,4 @@
-"""What the network sees around the points of a cloud, and the places around them that it moves.
+"""The surroundings of points as the network sees them, and the places around that it moves.
 
 A noisy cloud is smoothed first, as `denoised-wrap` does it (`baselines.reconstruction.denoised`):
 the network corrects what that leaves.

@@ -27,8 +27,18 @@ WORST, SHARE = "worst-1-percent", "images-percent"
 # worst         value of the worst image, which `worst_object`, as class/object, and `worst_view`
 #               name; both are empty where all values are 0
 TAIL_COLUMNS = (
-    *("suite", "method", "condition", "class", "metric", "statistic", "value", "n_ok", "n"),
-    *("worst", "worst_object", "worst_view"),
+    "suite",
+    "method",
+    "condition",
+    "class",
+    "metric",
+    "statistic",
+    "value",
+    "n_ok",
+    "n",
+    "worst",
+    "worst_object",
+    "worst_view",
 )
 _HUNDREDTH = 100  # one image in so many counts as among the worst
 

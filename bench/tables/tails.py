@@ -66,7 +66,10 @@ def _layout(frame: pd.DataFrame) -> Iterator[Block]:
         for caption, (cell, below) in zip(_TOLD[str(metric)], cells, strict=True):
             yield f"## {caption.capitalize()}"
             yield pivot(
-                *(of_metric, "method", "condition", cell),
+                of_metric,
+                "method",
+                "condition",
+                cell,
                 corner="method",
                 about=lambda of_method: role(of_method[0]["method"]),
                 caption=caption,
@@ -78,7 +81,9 @@ def _layout(frame: pd.DataFrame) -> Iterator[Block]:
 def _value(row: Mapping[str, Any], best: Container[tuple[str, str, str]]) -> Cell:
     is_best = (row["class"], row["condition"], row["method"]) in best
     return measured(
-        *((row["value"], NAN, NAN), row["metric"], row["method"]),
+        (row["value"], NAN, NAN),
+        row["metric"],
+        row["method"],
         count=(row["n_ok"], row["n"]),
         special=BEST if is_best else None,
     )

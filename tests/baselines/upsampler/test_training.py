@@ -15,7 +15,7 @@ def build(data, **changes):
 
 
 def test_the_loss_is_the_distance_in_spacings_and_the_sine_of_normals_of_the_network_before():
-    """With heights of noise 0 .. 2 spacings its weight falls from 1 to 1/5."""
+    """The values that are told are means over places, without the weights of noisy clouds."""
     trainer = build(make_upsampler())
     state = trainer.random.get_state()
     losses = trainer.take_step()

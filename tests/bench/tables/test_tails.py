@@ -137,7 +137,7 @@ def test_the_report_shows_the_table(scored, tmp_path):
     ("count", "expected"), [(1, 1.0), (100, 100.0), (101, 100.5), (200, 199.5), (201, 200.0)]
 )
 def test_the_worst_hundredth_is_rounded_up(count, expected):
-    """Of the values from 1 to `count`, in another order, the mean of the largest one to three."""
+    """The values are 1 to `count` in another order: the mean is of the largest one to three."""
     values = np.random.default_rng(0).permutation(count) + 1.0
     images = pd.DataFrame(
         {"method": "splat", "condition": "2048", "class": "chair", "object": "a"}
