@@ -14,7 +14,7 @@ import trimesh
 from baselines.splat_net.weights import load_weights
 from bench.catalogue.methods import find_method
 from bench.commands.train import TRAIN_OPTIONS, print_once
-from bench.training.networks import training_objects
+from bench.training.session import open_training_objects
 from bench.training.options import TrainingOptions
 from data_prep.failures import BadInput
 from data_prep.files.checksums import file_sha256
@@ -53,9 +53,9 @@ def test_objects_of_each_class_are_taken(tmp_path, text, found):
     options = TrainingOptions(
         dataset=f"folder:{tmp_path}", classes=classes, objects=2, out=tmp_path
     )
-    objects = training_objects(options)
+    objects = open_training_objects(options)
     assert [o.class_name + o.object_id.removesuffix(".ply") for o in objects] == found.split()
-    (chair,) = training_objects(TrainingOptions(objects=1, out=tmp_path))
+    (chair,) = open_training_objects(TrainingOptions(objects=1, out=tmp_path))
     assert chair.split == "train"
 
 

@@ -8,7 +8,7 @@ import torch
 from baselines.splat_net.losses import OBJECTIVES
 from bench.metrics.inception_weights import WeightsUnavailable
 from bench.training.efficientnet import WEIGHTS, EfficientNet, load_efficientnet
-from bench.training.networks import compared_features
+from bench.training.images import compared_features
 from data_prep.failures import BadInput
 from tests.bench.metrics.test_similarities import disc, noise
 

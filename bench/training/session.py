@@ -1,0 +1,158 @@
+"""What all trainings of networks share: objects, configuration, time limit, how one is run."""
+
+from __future__ import annotations
+
+import hashlib
+import signal
+from collections.abc import Callable, Iterator, Sequence
+from contextlib import contextmanager
+from dataclasses import fields
+from pathlib import Path
+from typing import Any, TypeVar
+
+import torch
+
+from bench.training.options import DEFAULT_OBJECTS
+from data_prep.datasets.registry import SceneObject, open_dataset
+from data_prep.failures import BadInput
+from data_prep.progress import log, step_progress
+from learning import training_loop
+from learning.configuration import TimeLimit
+from learning.processes import is_first
+from learning.trainer import CooledTrainer, NetworkTrainer
+from learning.training_loop import StepReport
+
+Config = TypeVar("Config")
+# A step's batch of these kinds of trainings is images; of all others it is clouds.
+_TRAINED_ON_IMAGES = ("gan", "splat-net", "fused-net")
+
+
+@contextmanager
+def data_in_time(limit: TimeLimit | None, out: Path) -> Iterator[None]:
+    """Raise BadInput inside, where the time is over before the first step.
+
+    The data are being made then: they are interrupted as by Ctrl-C, which leaves no half-written
+    file. `run_training` ends this watch, for its steps look at the clock themselves.
+    """
+    if limit is None:
+        yield
+        return
+    before = signal.signal(signal.SIGALRM, signal.default_int_handler)
+    # again and again: packages that are being imported may swallow an exception
+    signal.setitimer(signal.ITIMER_REAL, max(limit.left_s(), 1e-3), 1.0)
+    try:
+        yield
+    except KeyboardInterrupt:
+        if limit.left_s() > 0:
+            raise
+        raise BadInput(
+            f"--for {limit.text}: over before the first step, while the data were made; what {out} "
+            "has is kept; give more time, or fewer --objects"
+        ) from None
+    finally:
+        signal.setitimer(signal.ITIMER_REAL, 0)
+        signal.signal(signal.SIGALRM, before)
+
+
+def run_training(
+    kind: type[NetworkTrainer],
+    learned: Any,
+    config: Any,
+    options: Any,
+    objects: Sequence[SceneObject],
+    also: str = "",
+    **further: Any,
+) -> Path:
+    """Train a network and return its checkpoint, with progress on stderr.
+
+    kind     the class of the trainer
+    learned  what is learned from (see `learning.trainer.NetworkTrainer`)
+    objects  of which the data were made: they name the data on any machine
+    also     checksum of a file that had a part in the data; "" where none had
+    further  what the trainer takes beside
+
+    Says on stderr where a time limit has ended the training before its last step.
+    """
+    fingerprints = [obj.fingerprint() for obj in objects]
+    made_of = repr((*fingerprints, options.views, also))
+    last_report: StepReport | None = None
+    if options.limit is not None:
+        signal.setitimer(signal.ITIMER_REAL, 0)  # from here on steps watch the clock
+    with step_progress(kind.kind, quiet=not is_first()) as show:
+
+        def on_progress(report: StepReport) -> None:
+            nonlocal last_report
+            last_report = report
+            show(report)
+
+        checkpoint = training_loop.train(
+            kind,
+            learned,
+            config,
+            options.out,
+            device=options.device,
+            on_progress=on_progress,
+            limit=options.limit,
+            source=hashlib.sha256(made_of.encode()).hexdigest(),
+            **further,
+        )
+    if last_report is not None and last_report.step < config.steps:
+        log(_ended_early(kind, config, options, last_report))
+    return checkpoint
+
+
+def _ended_early(kind: type[NetworkTrainer], config: Any, options: Any, reached: StepReport) -> str:
+    """Return the line about a training that its time limit has ended."""
+    what = "images" if kind.kind in _TRAINED_ON_IMAGES else "clouds"
+    pace = f" ({reached.images_per_s:.1f}/s)" if reached.images_per_s else ""
+    seen = f"{reached.images:,} {what}{pace}"
+    said = f"{kind.kind}: --for {options.limit.text} ended it after step {reached.step} of "
+    said += f"{reached.steps}, {seen}; the same command goes on from {options.out}"
+    if issubclass(kind, CooledTrainer) and config.cool_down:
+        steps = reached.step + config.cool_down
+        said += f"; its learning rate falls over the last {config.cool_down} steps, "
+        said += "and has not fallen to the end"
+        if steps < config.steps:
+            said += f": --steps {steps} ends it with the fall from here"
+    return said
+
+
+def open_training_objects(options: Any) -> tuple[SceneObject, ...]:
+    """Return the objects to train on, class by class. Raises BadInput where there are none."""
+    dataset = open_dataset(options.dataset)
+    objects = tuple(
+        obj
+        for name in options.classes or dataset.classes or ("",)  # a folder may have no classes
+        for obj in dataset.objects(name, options.objects, DEFAULT_OBJECTS, "train")
+    )
+    if not objects:
+        raise BadInput(f"--objects {options.objects}: must be at least 1")
+    return objects
+
+
+def check_least(option: str, value: int, least: int) -> None:
+    """Raise BadInput where the value of an option is smaller than `least`."""
+    if value < least:
+        raise BadInput(f"--{option} {value}: must be at least {least}")
+
+
+def data_processes() -> dict[str, Any]:
+    """Return the arguments of functions that make data: how many processes, and whether silent.
+
+    There are as many processes as PyTorch has threads, which have nothing to do meanwhile.
+    """
+    return {"quiet": not is_first(), "workers": torch.get_num_threads()}
+
+
+def exported(checkpoint: Path, weights: Path, write: Callable[[Path, Path], str]) -> Path:
+    """Write the weights of a checkpoint, by one of several processes, and return their file."""
+    if is_first():
+        write(checkpoint, weights)
+    return weights
+
+
+def configuration(kind: Callable[..., Config], options: Any, **further: Any) -> Config:
+    """Return a configuration: its fields are `further`, and those that the options have, too."""
+    names = {field.name for field in fields(kind)}  # type: ignore[arg-type]
+    shared = {name: value for name, value in vars(options).items() if name in names}
+    return kind(**shared | further)
