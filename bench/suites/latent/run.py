@@ -9,7 +9,7 @@ from __future__ import annotations
 from collections.abc import Callable, Iterator, Mapping, Sequence
 from dataclasses import dataclass, replace
 from functools import partial
-from typing import Any
+from typing import Any, TypeVar
 
 import numpy as np
 import pandas as pd
@@ -70,7 +70,10 @@ class _LatentSuite(Procedure):
 
 
 LATENT = _LatentSuite(**vars(suites.LATENT))
-VIEW = View(30.0, 20.0)  # of all images
+VIEW = View(30.0, 20.0)  # from which all images are drawn
+VALUES = ["method", "what", "kind", "item", "metric", "value"]
+_Value = tuple[str, str, str, str, str, float]  # in the columns VALUES
+_Item = TypeVar("_Item", ChairPair, Triple)
 
 
 def run(
@@ -131,44 +134,67 @@ def _measure(
     suite: _LatentSuite,
     _: Store,
 ) -> SuiteRun:
-    """Measure everything, and return it with the single values behind the means."""
+    """Measure paths and sums of all networks; return tables of means and of values, and figures."""
     classifier = load_views_network(VIEWS_WEIGHTS)
-    rows: dict[str, list[tuple[object, ...]]] = {"interpolation": [], "arithmetic": []}
+    path_values: list[_Value] = []
+    sum_values: list[_Value] = []
     figures = {}
     for place, network in enumerate(networks, 1):
-        # Each method has a figure; the first has no number.
+        # Each method has its figures; the names of the first have no number.
         suffix = "" if place == 1 else f"-{place}"
+        measure_path = partial(walk, network, classifier, seed=seed, positions=suite.positions)
+        values, strips = _measure_each(f"paths, {network.method}", network, pairs, measure_path)
+        path_values += values
+        figures[f"interpolation{suffix}"] = strips_figure(strips[: suite.shown], VIEW)
         train = train_codes(network, suite.neighbours)
-        walks = partial(walk, network, classifier, seed=seed, positions=suite.positions)
-        sums = partial(add_up, network, train=train, seed=seed)
-        for name, title, items, measure in (
-            ("interpolation", "paths", pairs, walks),
-            ("arithmetic", "sums", triples, sums),
-        ):
-            strips = []
-            with progress(f"{title}, {network.method}", len(items)) as advance:
-                for item in items:
-                    measured, strip = measure(item)  # type: ignore[arg-type]
-                    for what, values in measured.items():
-                        where = network.method, what, item.change, item.id
-                        rows[name] += [(*where, *value) for value in values.items()]
-                    if len(strips) < suite.shown:
-                        strips.append(strip)
-                    advance(0)
-            figures[f"{name}{suffix}"] = strips_figure(strips, VIEW)
-    tables = []
-    for name, title, remark, about, subjects in (
-        ("interpolation", "Paths between codes (after Figure 5)", PATH_REMARK, PATH_METRICS, PATHS),
-        ("arithmetic", "A - B + C against D (after Figure 6)", SUM_REMARK, SUM_METRICS, ANSWERS),
-    ):
-        frame, file = pd.DataFrame(rows[name], columns=VALUES), f"latent_{name}"
-        of_means = means(suite.id, frame)
-        tables.append(latent_table(file, title, remark, about, subjects, of_means))
-        tables.append(Table(f"{file}_values", "", frame, digits=".6g"))
-    return SuiteRun(tuple(tables), figures)
+        measure_sum = partial(add_up, network, train=train, seed=seed)
+        values, strips = _measure_each(f"sums, {network.method}", network, triples, measure_sum)
+        sum_values += values
+        figures[f"arithmetic{suffix}"] = strips_figure(strips[: suite.shown], VIEW)
+    paths, sums = (pd.DataFrame(values, columns=VALUES) for values in (path_values, sum_values))
+    tables = (
+        latent_table(
+            "latent_interpolation",
+            "Paths between codes (after Figure 5)",
+            PATH_REMARK,
+            about=PATH_METRICS,
+            subjects=PATHS,
+            rows=means(suite.id, paths),
+        ),
+        Table("latent_interpolation_values", "", paths, digits=".6g"),
+        latent_table(
+            "latent_arithmetic",
+            "A - B + C against D (after Figure 6)",
+            SUM_REMARK,
+            about=SUM_METRICS,
+            subjects=ANSWERS,
+            rows=means(suite.id, sums),
+        ),
+        Table("latent_arithmetic_values", "", sums, digits=".6g"),
+    )
+    return SuiteRun(tables, figures)
 
 
-VALUES = ["method", "what", "kind", "item", "metric", "value"]
+def _measure_each(
+    title: str,
+    network: LatentNetwork,
+    items: Sequence[_Item],
+    measure: Callable[[_Item], tuple[Mapping[str, Mapping[str, float]], Any]],
+) -> tuple[list[_Value], list[Any]]:
+    """Return the values of all pairs or triples, in the columns VALUES, and a strip of each."""
+    values: list[_Value] = []
+    strips = []
+    with progress(title, len(items)) as advance:
+        for item in items:
+            measured, strip = measure(item)
+            for what, by_metric in measured.items():
+                for metric, value in by_metric.items():
+                    values.append((network.method, what, item.change, item.id, metric, value))
+            strips.append(strip)
+            advance(0)
+    return values, strips
+
+
 GROUP = ["method", "what", "kind", "metric"]
 
 

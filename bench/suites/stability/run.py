@@ -8,11 +8,8 @@ from __future__ import annotations
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, replace
 from functools import partial
-from typing import TYPE_CHECKING
 
-import numpy as np
 import pandas as pd
-from numpy.typing import NDArray
 
 from bench.catalogue import suites
 from bench.catalogue.methods import FLOORS, find_method
@@ -21,7 +18,6 @@ from bench.records.frames import write_records
 from bench.records.job import Job, unpack
 from bench.records.record import RECORDS_VERSION
 from bench.records.store import Store
-from bench.report.figure import drawing, panels
 from bench.running.environment import cores, environment
 from bench.running.options import Options
 from bench.running.plan import digest
@@ -30,18 +26,15 @@ from bench.running.work import JobPool, run_jobs
 from bench.suites.procedure import SuiteRun, methods_of, run_suite, suite_manifest
 from bench.suites.stability.cases import CASES, TURN_DEG, VIEWS
 from bench.suites.stability.expectations import EXPECTED, KINDS
+from bench.suites.stability.figures import extremes_figure, matrix_figure
 from bench.suites.stability.outcomes import matrix, observe, outcomes_of, unexpected
 from bench.tables import markdown
-from bench.tables.grid import grid, ordered
+from bench.tables.grid import grid
 from bench.tables.table import Table
 from data_prep.datasets.registry import ProceduralObject
 from data_prep.failures import BadInput
-from data_prep.scene import IMAGE_SIZE
 
-if TYPE_CHECKING:
-    from matplotlib.figure import Figure
-
-
+# Of one method on one case: ball pivoting of 100,000 points takes minutes, and is to be ended.
 LIMITS = Limits(time_s=60.0, memory_gib=4.0)
 
 
@@ -55,7 +48,9 @@ class _StabilitySuite(Procedure):
 
 
 STABILITY = _StabilitySuite(**vars(suites.STABILITY))
-_CASES_VERSION = 1  # raise when a perturbation of `data_prep.clouds.extremes` changes a cloud
+# A part of the jobs' keys. Increase it with a change of the code of `data_prep.clouds.extremes`
+# that gives a case other points: then stored images of the old points are not taken for new ones.
+_CASES_VERSION = 1
 
 
 def _stability_jobs(
@@ -158,8 +153,8 @@ def _draw_all(
     return SuiteRun(
         (table, Table("observations", "", pd.DataFrame(observations), digits=".6g")),
         {
-            table.name: _matrix_figure(outcomes, table.title),
-            "extremes": _extremes_figure([case.id for case in CASES], shown, images),
+            table.name: matrix_figure(outcomes, table.title),
+            "extremes": extremes_figure([case.id for case in CASES], shown, images),
         },
         printed=[
             markdown.table(grid([*KINDS], [[str(counts.get(kind, 0)) for kind in KINDS]])),
@@ -179,86 +174,3 @@ def _remark(methods: Sequence[str]) -> str:
     if unstated:
         remark += f" Nothing is stated about {', '.join(unstated)}: what has a name is in order."
     return remark
-
-
-# Kinds differ in lightness and letter, too: not everybody sees colours.
-COLOURS = {
-    "holds": ("#cfe8cf", ""),
-    "refused": ("#f5e6a3", "r"),
-    "differs": ("#f0b77c", "d"),
-    "contained": ("#9db7de", "c"),
-    "unexpected": ("#8f1d2c", "!"),
-}
-ROW_IN, COLUMN_IN = 0.17, 0.55  # of a cell
-ACROSS = 12  # images
-MISSING = 225  # grey
-
-
-@drawing()
-def _matrix_figure(outcomes: pd.DataFrame, title: str) -> Figure:
-    """Return cases down and methods across, coloured by kind; white for no case."""
-    from matplotlib import patches
-
-    methods = ordered(outcomes["subject"])
-    rows = ordered(zip(outcomes["group"], outcomes["case"], strict=True))
-    size_in = (3.2 + COLUMN_IN * len(methods), 1.8 + ROW_IN * len(rows))
-    figure, ((axis,),) = panels(1, 1, size_in)
-    for cell in outcomes.itertuples():
-        x, y = methods.index(cell.subject), rows.index((cell.group, cell.case))
-        colour, letter = COLOURS[str(cell.kind)]
-        axis.add_patch(patches.Rectangle((x, y), 1, 1, facecolor=colour, edgecolor="white"))
-        dark = "white" if letter == "!" else "black"
-        axis.text(x + 0.5, y + 0.52, letter, ha="center", va="center", fontsize=7, color=dark)
-    for y, ((group, _), (before, _)) in enumerate(zip(rows[1:], rows, strict=False), 1):
-        if group != before:
-            axis.axhline(y, color="black", linewidth=0.6)
-    axis.set(xlim=(0, len(methods)), ylim=(len(rows), 0))
-    axis.set_xticks(np.arange(len(methods)) + 0.5, methods, rotation=45, ha="left", fontsize=8)
-    axis.set_yticks(np.arange(len(rows)) + 0.5, [case for _, case in rows], fontsize=7)
-    axis.xaxis.tick_top()
-    axis.tick_params(length=0)
-    axis.spines[:].set_visible(False)
-    axis.set_title(title, fontsize=10)
-    handles = [
-        patches.Patch(facecolor=COLOURS[kind][0], label=f"{COLOURS[kind][1]} {kind}".strip())
-        for kind in KINDS
-    ]
-    place = {"loc": "outside lower center", "ncols": 3}
-    figure.legend(handles=handles, fontsize=7, frameon=False, **place)
-    return figure
-
-
-@drawing()
-def _extremes_figure(
-    cases: Sequence[str],
-    methods: Sequence[str],
-    images: Mapping[tuple[str, str], NDArray[np.uint8]],
-) -> Figure:
-    """Return the first view of every case (across) and method (down); grey for no image.
-
-    images  uint8 [IMAGE_SIZE, IMAGE_SIZE, 3] by case and method
-    """
-    blocks = [cases[i : i + ACROSS] for i in range(0, len(cases), ACROSS)]
-    size_in = (0.95 * ACROSS + 0.6, (0.95 * len(methods) + 0.25) * len(blocks))
-    figure, axes = panels(len(blocks), 1, size_in)
-    centres = IMAGE_SIZE * (np.arange(max(ACROSS, len(methods))) + 0.5)
-    for axis, block in zip(axes[:, 0], blocks, strict=True):
-        axis.imshow(sheet([[images.get((case, m)) for case in block] for m in methods]))
-        axis.set_xticks(centres[: len(block)], block, fontsize=6)
-        axis.set_yticks(centres[: len(methods)], methods, fontsize=6, rotation=90, va="center")
-        axis.xaxis.tick_top()
-        axis.tick_params(length=0, pad=1)
-        axis.spines[:].set_visible(False)
-    return figure
-
-
-def sheet(rows: Sequence[Sequence[NDArray[np.uint8] | None]]) -> NDArray[np.uint8]:
-    """Return images side by side, uint8 [rows * IMAGE_SIZE, ACROSS * IMAGE_SIZE, 3].
-
-    None becomes a grey square, and the rest of a row is white.
-    """
-    pixels = np.full((len(rows), IMAGE_SIZE, ACROSS, IMAGE_SIZE, 3), 255, np.uint8)
-    for y, row in enumerate(rows):
-        for x, image in enumerate(row):
-            pixels[y, :, x] = MISSING if image is None else image
-    return pixels.reshape(len(rows) * IMAGE_SIZE, ACROSS * IMAGE_SIZE, 3)

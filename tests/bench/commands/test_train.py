@@ -14,8 +14,8 @@ import trimesh
 from baselines.splat_net.weights import load_weights
 from bench.catalogue.methods import find_method
 from bench.commands.train import TRAIN_OPTIONS, print_once
-from bench.training.session import open_training_objects
 from bench.training.options import TrainingOptions
+from bench.training.session import open_training_objects
 from data_prep.failures import BadInput
 from data_prep.files.checksums import file_sha256
 from data_prep.scene import View
