@@ -1,8 +1,8 @@
 """The ceiling and the floors: methods that show both ends of every metric's scale.
 
 `Constant` is a second floor, higher than white: the one image with the highest mean SSIM. A method
-that scores below it has not shown that it looked at the cloud. The image is fitted to the training
-set by `bench train constant` and kept as `constant.png`.
+that scores below it has not shown that it looked at the cloud. The image is `constant.png`, fitted
+to procedural training chairs (docs/maintaining.md, "Weights").
 """
 
 from __future__ import annotations
@@ -83,7 +83,7 @@ def read_image(path: Path = CONSTANT_IMAGE) -> NDArray[np.uint8]:
     """
     from PIL import Image
 
-    remedy = "reinstall, or make it again with 'bench train constant'"
+    remedy = "install pc2pix-bench again"
     try:
         with Image.open(path) as file:
             image = np.array(file.convert("RGB"))

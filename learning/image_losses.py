@@ -11,6 +11,7 @@ import torch
 from torch import Tensor
 
 _WINDOW, _SIGMA = 11, 1.5
+_EVERY = 2  # windows, across and down: neighbours say the same, and it costs a quarter
 _C1, _C2 = 0.01**2, 0.03**2
 FOREGROUND_WEIGHT = 3.0  # thin parts are few pixels
 
@@ -28,17 +29,17 @@ def weighted_error(
     return absolute + structure_weight * (1 - structural_similarity(drawn, real))
 
 
-def structural_similarity(a: Tensor, b: Tensor, every: int = 2) -> Tensor:
+def structural_similarity(a: Tensor, b: Tensor) -> Tensor:
     """Return the mean SSIM of images [B, C, H, W] in [0, 1], differentiable; a scalar.
 
     It is not clipped.
 
     Window and constants are those of the metric (11x11 Gaussian, sigma 1.5, valid windows only),
-    but of the windows only every second one (or as `every` says), across and down, is taken:
-    neighbours say the same, and it costs a quarter. Either B may be 1.
+    but of the windows only every second one (`_EVERY`), across and down, is taken.
+    Either B may be 1.
     """
     moments = torch.broadcast_tensors(a, b, a * a, b * b, a * b)
-    means = _window_means(torch.stack(moments), every)
+    means = _window_means(torch.stack(moments))
     mean_a, mean_b, square_a, square_b, product = means
     covariance = product - mean_a * mean_b
     variance = square_a - mean_a.square() + square_b - mean_b.square()
@@ -46,21 +47,21 @@ def structural_similarity(a: Tensor, b: Tensor, every: int = 2) -> Tensor:
     return (top / ((mean_a.square() + mean_b.square() + _C1) * (variance + _C2))).mean()
 
 
-def _window_means(x: Tensor, every: int) -> Tensor:
+def _window_means(x: Tensor) -> Tensor:
     """Return Gaussian means [..., h, w] of [..., H, W], by matrix products.
 
     PyTorch's convolution of single planes is forty times as slow on a CPU, backwards above all.
     """
-    height, width = (_window_matrix(size, every).to(x) for size in x.shape[-2:])
+    height, width = (_window_matrix(size).to(x) for size in x.shape[-2:])
     return height @ (x @ width.mT)
 
 
 @functools.cache
-def _window_matrix(size: int, every: int) -> Tensor:
-    """Return the matrix [n, size] of window weights: row i is around pixel every * i + 5."""
+def _window_matrix(size: int) -> Tensor:
+    """Return the matrix [n, size] of window weights: row i is around pixel _EVERY * i + 5."""
     weights = torch.exp(-(torch.arange(_WINDOW) - _WINDOW // 2).square() / (2 * _SIGMA**2))
     weights = weights / weights.sum()
-    starts = range(0, size - _WINDOW + 1, every)
+    starts = range(0, size - _WINDOW + 1, _EVERY)
     matrix = torch.zeros(len(starts), size)
     for row, start in enumerate(starts):
         matrix[row, start : start + _WINDOW] = weights

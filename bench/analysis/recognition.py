@@ -69,7 +69,9 @@ def read_class_head(path: Path) -> ClassHead:
             weight, bias = (file.get_tensor(f"heads.class.{part}") for part in ("weight", "bias"))
     except Exception as error:  # safetensors raises types of its own
         reason = " ".join(str(error).split())
-        raise BadInput(f"{path}: not the weights of fd-views ({reason}); reinstall") from error
+        raise BadInput(
+            f"{path}: not the weights of fd-views ({reason}); install pc2pix-bench again"
+        ) from error
     return ClassHead(classes, weight.astype(np.float64), bias.astype(np.float64))
 
 

@@ -178,9 +178,7 @@ def _judge(weights: str, device: str) -> Extractor:
 def _bundled_judge(chosen: str | None) -> Path:
     del chosen
     if not JUDGE_WEIGHTS.is_file():
-        raise WeightsUnavailable(
-            f"{JUDGE_WEIGHTS.name} is not bundled; 'bench train judge' makes it"
-        )
+        raise WeightsUnavailable(f"{JUDGE_WEIGHTS} is missing; install pc2pix-bench again")
     return JUDGE_WEIGHTS
 
 

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from dataclasses import replace
 from pathlib import Path
-from typing import Annotated, Any
+from typing import Any
 
 import typer
 
@@ -17,15 +17,12 @@ from bench.commands.options import (
     expand_file,
     names,
     options_from_dataclass,
-    path_option,
 )
 from bench.training.options import OPTIONS
 from learning.configuration import TimeLimit
 
 app = typer.Typer(cls=Group, help="Train the networks.", **SETTINGS)
-Seed = Annotated[int, typer.Option(help="Seed of initial weights and batches.")]
 OUT = "Folder of the training; an earlier training in it is continued."
-Folder = Annotated[Path, path_option(OUT)]
 
 
 def _time_limit(text: str | None) -> TimeLimit | None:
@@ -175,48 +172,6 @@ def _add_command(name: str, summary: str, specs: dict[str, str | OptionSpec]) ->
 
 for _name, (_summary, _specs) in TRAININGS.items():
     _add_command(_name, _summary, _specs)
-
-
-@app.command("views")
-def train_views(
-    objects: Annotated[int, typer.Option(help="Objects of each class.")] = 500,
-    views: Annotated[int, typer.Option(help=VIEWS)] = 8,
-    epochs: Annotated[int, typer.Option(help="Passes over all images.")] = 12,
-    seed: Seed = 0,
-    out: Folder = Path("training/views"),
-) -> None:
-    """Train the network of fd-views. Replaces the bundled weights; all golden values change."""
-    from bench.training.views import train_views as train
-
-    print(train(objects, views, epochs, seed, folder=out).to_text())
-
-
-@app.command("constant")
-def train_constant(
-    objects: Annotated[int, typer.Option(help="Procedural chairs to train on.")] = 1500,
-    views: Annotated[int, typer.Option(help=VIEWS)] = 8,
-    steps: Annotated[int, typer.Option(help="Steps, of 64 images each.")] = 400,
-    seed: Seed = 0,
-) -> None:
-    """Compute the best constant image. Replaces the bundled one; its golden values change."""
-    from bench.training.constant import train_constant as train
-
-    print(train(objects, views, steps, seed))
-
-
-@app.command("judge")
-def train_judge(
-    objects: Annotated[int, typer.Option(help="Procedural chairs to train on.")] = 1500,
-    views: Annotated[int, typer.Option(help=VIEWS)] = 16,
-    steps: Annotated[int, typer.Option(help="Steps, of 96 images each.")] = 3000,
-    seed: Seed = 0,
-    out: Folder = Path("training/judge"),
-) -> None:
-    """Train the judge of view and shape. Replaces the bundled weights; its values change."""
-    from bench.training.judge import train_judge as train
-
-    for name, scores in train(objects, views, steps, seed, folder=out).items():
-        print(f"{name}: {scores}")
 
 
 def print_once(path: Path) -> None:

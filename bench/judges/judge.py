@@ -3,8 +3,8 @@
 It is a network that has seen true images only. From an image it predicts the direction of view, to
 be compared with the requested one, and a shape code, by which the object can be told from others.
 It looks at brightness alone, because methods draw in other colours than the truth, and was trained
-on blurred, repainted and damaged images, because methods draw those. Trained by `bench train judge`
-on the procedural train split; the weights are bundled.
+on blurred, repainted and damaged images, because methods draw those. It was trained on the
+procedural train split; the weights are bundled, and docs/maintaining.md has their card.
 """
 
 from __future__ import annotations
@@ -95,8 +95,7 @@ def load_judge_network(path: Path) -> JudgeNetwork:
     except Exception as error:  # safetensors and torch raise types of their own
         reason = " ".join(str(error).split())
         raise BadInput(
-            f"{path}: not the weights of the judge network ({reason}); reinstall, or make them "
-            "again with 'bench train judge'"
+            f"{path}: not the weights of the judge network ({reason}); install pc2pix-bench again"
         ) from error
     return network.eval()
 

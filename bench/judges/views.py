@@ -3,21 +3,20 @@
 From a 128 x 128 image it predicts the class of an object, its structural family, the back of a
 chair and the direction of view; the 64 averages before its last layer are the features. It stands
 in where the published Inception weights are not at hand, and its distances are never called FID.
-Its answer about the class is what `class-confidence` is made of. Trained by `bench train views` on
-the procedural train split; the weights are bundled, and their file says what the network
-distinguishes.
+Its answer about the class is what `class-confidence` is made of. It was trained on the procedural
+train split; the weights are bundled, their file says what the network distinguishes, and
+docs/maintaining.md has their card.
 """
 
 from __future__ import annotations
 
 import json
-from dataclasses import asdict, dataclass
+from dataclasses import dataclass
 from pathlib import Path
 
 import numpy as np
 import torch
 from numpy.typing import NDArray
-from safetensors.torch import save
 from torch import Tensor, nn
 
 from data_prep.failures import BadInput
@@ -83,12 +82,6 @@ class ViewsNetwork(nn.Module):
         return self.body(x).mean(dim=(2, 3))
 
 
-def to_file(network: ViewsNetwork) -> bytes:
-    """Return the network as a safetensors file, which `load_views_network` reads."""
-    state = {name: tensor.contiguous() for name, tensor in network.state_dict().items()}
-    return save(state, {_LABELS: json.dumps(asdict(network.labels))})
-
-
 def load_views_network(path: Path) -> ViewsNetwork:
     """Return the network with weights from a safetensors file, ready for inference.
 
@@ -101,7 +94,9 @@ def load_views_network(path: Path) -> ViewsNetwork:
         network.load_state_dict(state)
     except Exception as error:  # safetensors and torch raise types of their own
         reason = " ".join(str(error).split())
-        raise BadInput(f"{path}: not the weights of fd-views ({reason}); reinstall") from error
+        raise BadInput(
+            f"{path}: not the weights of fd-views ({reason}); install pc2pix-bench again"
+        ) from error
     return network.eval()
 
 

@@ -1,1 +1,1 @@
-"""Trainings of all networks, and of the best constant image."""
+"""Trainings of the networks that draw."""

@@ -34,7 +34,6 @@ def refusal(kind, path):
     assert ("of-decoder-decoder.safetensors" if decoder else str(path)) in message
     if kind.reported:
         assert message.startswith(f"{path}: {kind.reported}")
-    assert "judge" not in kind.reported or "bench train judge" in message
     return message
 
 

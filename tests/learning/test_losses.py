@@ -74,8 +74,7 @@ def images(count=2, size=40):
     return a, 0.6 * a + 0.4 * torch.rand(a.shape, generator=seeded(1), dtype=torch.float64)
 
 
-@pytest.mark.parametrize("every", [1, 2])
-def test_structural_similarity_is_scikit_images_at_every_so_many_windows(every):
+def test_structural_similarity_is_scikit_images_at_every_second_window():
     from skimage.metrics import structural_similarity as reference
 
     a, b = images()
@@ -85,9 +84,9 @@ def test_structural_similarity_is_scikit_images_at_every_so_many_windows(every):
             first, other, data_range=1, channel_axis=0, gaussian_weights=True, sigma=1.5,
             use_sample_covariance=False, full=True,
         )  # fmt: skip
-        expected.append(full[:, 5:-5:every, 5:-5:every].mean())
+        expected.append(full[:, 5:-5:2, 5:-5:2].mean())
     # the windows' weights are float32 here
-    assert abs(structural_similarity(a, b, every).item() - np.mean(expected)) < 1e-6
+    assert abs(structural_similarity(a, b).item() - np.mean(expected)) < 1e-6
 
 
 def test_structural_similarity_has_the_gradient_of_finite_differences():

@@ -4,11 +4,12 @@ from __future__ import annotations
 
 import atexit
 import functools
+import json
 import os
 import shutil
 import tempfile
 from collections.abc import Callable
-from dataclasses import dataclass, field, replace
+from dataclasses import asdict, dataclass, field, replace
 from functools import partial
 from pathlib import Path
 from typing import Any
@@ -35,10 +36,7 @@ from baselines.upsampler.network import UpsamplerConfig
 from baselines.upsampler.surroundings import surroundings
 from baselines.upsampler.train import UpsamplerTrainer
 from bench.judges.judge import JudgeNetwork, load_judge_network
-from bench.judges.views import Labels, ViewsNetwork, load_views_network, to_file
-from bench.training.classifier import CosineTrainer, JudgeConfig
-from bench.training.judge import JudgeData, JudgeTrainer
-from bench.training.views import NO_LABEL, ViewsTrainer
+from bench.judges.views import Labels, ViewsNetwork, load_views_network
 from data_prep.datasets.occupancy_set import OccupancySet
 from data_prep.datasets.training_set import SurfaceSet, TrainingSet
 from learning import checkpoint, training_loop
@@ -150,29 +148,12 @@ def upsampler_parts(_):
     return make_upsampler(), {"network": SMALL_UPSAMPLER, "batch": 2, "cool_down": 2}, {}
 
 
-def judge_parts(_):
-    rng = np.random.default_rng(3)
-    painted, neutral = rng.integers(0, 256, (2, 4, 2, 128, 128), dtype=np.uint8)
-    angles = rng.uniform(-40, 40, (2, 4, 2))
-    data = JudgeData(painted, neutral, *angles, make_clouds(4))
-    return data, {"seed": 0}, {"validation": data, "objects": 3}
-
-
-def views_parts(_):
-    labels = Labels(("lamp", "car"), ("lamp/desk", "car/van"), ("ladder",))
-    answers = {name: torch.arange(10) % 2 for name in ("class", "family")}
-    answers |= {"back": torch.full((10,), NO_LABEL), "view": torch.zeros(10, 3)}
-    learned = make_set(objects=5).images, answers
-    return learned, {"seed": 0}, {"known": labels, "batch": 4}  # an epoch is of two and a half
-
-
 @dataclass(frozen=True)
 class Training:
     """A small training: it goes on where one has been in the folder.
 
     parts    of a folder: what is learned from, fields of the configuration, further arguments
     sheet    size of its image in pixels; None where it has none
-    lengthens  whether one of more steps begins in the same way
     """
 
     trainer: type[NetworkTrainer]
@@ -180,7 +161,6 @@ class Training:
     parts: Callable[[Path], tuple[Any, dict[str, Any], dict[str, Any]]]
     changes: dict[str, Any] = field(default_factory=dict)
     sheet: tuple[int, int] | None = (3 * 128, 2 * 128)
-    lengthens: bool = True
 
     @property
     def kind(self):
@@ -190,11 +170,6 @@ class Training:
         learned, fields, further = self.parts(out_dir)
         stated = {"steps": steps, "cadence": CADENCE} | fields | self.changes | changes
         config = self.config(**stated)
-        if issubclass(self.trainer, CosineTrainer):  # which knows its device
-            with training_loop.denormals_flushed():
-                return training_loop.run(
-                    self.trainer(learned, config, **further), out_dir, on_progress
-                )
         return training_loop.train(
             self.trainer, learned, config, out_dir, on_progress=on_progress, limit=limit, **further
         )
@@ -219,8 +194,6 @@ TRAININGS = {
     "upsampler": Training(
         UpsamplerTrainer, UpsamplerTrainingConfig, upsampler_parts, sheet=None
     ),
-    "judge": Training(JudgeTrainer, JudgeConfig, judge_parts, sheet=None, lengthens=False),
-    "views": Training(ViewsTrainer, JudgeConfig, views_parts, sheet=None, lengthens=False),
 }  # fmt: skip
 
 
@@ -270,8 +243,12 @@ def write_judge(_, path):
     write_atomically(path, JudgeNetwork().state_dict(), {})
 
 
-def write_views(_, path):
-    path.write_bytes(to_file(ViewsNetwork(Labels(("car",), ("car/van",), ("ladder",)))))
+LABELS = Labels(("car",), ("car/van",), ("ladder",))
+
+
+def write_views(_, path, labels=LABELS):
+    network = ViewsNetwork(labels)
+    write_atomically(path, network.state_dict(), {"labels": json.dumps(asdict(labels))})
 
 
 KINDS = {

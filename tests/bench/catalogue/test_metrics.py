@@ -84,7 +84,7 @@ def test_the_judge_is_an_extractor_and_skipped_where_it_is_not_there(tmp_path, m
     monkeypatch.setattr(bench.catalogue.metrics, "JUDGE_WEIGHTS", path)
     with pytest.raises(WeightsUnavailable) as error:
         find_extractor(JUDGE).weights(None)
-    assert str(error.value) == "judge.safetensors is not bundled; 'bench train judge' makes it"
+    assert str(error.value) == f"{path} is missing; install pc2pix-bench again"
     torch.manual_seed(0)
     network = JudgeNetwork().eval()
     save_file({name: t.contiguous() for name, t in network.state_dict().items()}, path)

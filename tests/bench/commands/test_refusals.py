@@ -345,10 +345,6 @@ CASES: dict[str, str] = {
     "train upsampler --batch 0": "--batch 0: must be at least 1",
     "train occupancy-net --steps 0": "--steps 0: must be at least 1",
     "train splat-net --batch 0": "--batch 0: must be at least 1",
-    "train constant --views 0": "--views 0: must be at least 1",
-    "train views --epochs -1": "--epochs -1: must be at least 1",
-    "train judge --objects 47": "--objects 47 --views 16 --steps 3000: give at least 48 objects",
-    "train judge --objects 48 --views 1": "--objects 48 --views 1 --steps 3000: give at least 48 o",
 }
 CASES |= RENDERING
 NO_GOLDEN = "no file of golden values of this version; 'bench check DIR --bless "
