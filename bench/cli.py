@@ -23,7 +23,6 @@ from bench.commands.options import SETTINGS, USAGE_ERROR, Group, plain_message
 
 COMMANDS = {  # name: module and name in it, first line of its help
     "run": ("run:run", "Run a suite, or go on with a stopped run; print its tables."),
-    "merge": ("results:merge", "Join shards ('bench run --shard k/N') to the whole run."),
     "list": (
         "listing:list_all",
         "List suites, methods and variants, conditions, metrics, datasets.",

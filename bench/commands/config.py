@@ -52,15 +52,14 @@ def read_config(path: Path) -> dict[str, Any]:
 def refuse_other_objects(options: Options, path: Path | None) -> None:
     """Raise BadInput where a run is to be repeated and would have other objects.
 
-    Options choose the first objects of each class, or a shard; the complete objects of a stopped
+    Options choose the first objects of each class; the complete objects of a stopped
     run may be others, and the dataset may have changed. Other options of the command line pass.
     """
     if path is None or path.suffix != ".json" or options.suite not in JOB_SUITES:
         return
     manifest, repeated = _manifest(path), read_config(path)
-    shard = str(options.shard) if options.shard else None
-    if (options.suite, options.dataset, options.limit, shard) != (
-        *(repeated.get(name) for name in ("suite", "dataset", "limit", "shard")),
+    if (options.suite, options.dataset, options.limit) != (
+        *(repeated.get(name) for name in ("suite", "dataset", "limit")),
     ):
         return
     suite = JOB_SUITES[options.suite]
@@ -101,8 +100,6 @@ def repeated_request(path: Path) -> Mapping[str, Any]:
         return request
     repeated = request | {name: manifest[name] for name in ("conditions", "views")}
     repeated["methods"] = [address_of(manifest, method) for method in manifest["methods"]]
-    if manifest.get("shard"):
-        return repeated | {"shard": manifest["shard"]}
     classes = Counter(name.partition("/")[0] for name in manifest["objects"])
     return repeated | ({"limit": max(classes.values())} if classes else {})
 

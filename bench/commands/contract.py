@@ -24,7 +24,7 @@ from bench.commands.options import (
     worker_count,
 )
 from bench.records.run_folder import MANIFEST, read_finished
-from bench.running.options import Options, default_name, read_shard
+from bench.running.options import Options, default_name
 from bench.tables.markdown import visible
 from data_prep.datasets.exported import ExportedObject
 from data_prep.datasets.registry import is_dataset, open_dataset
@@ -176,8 +176,6 @@ def options_of(directory: Path, methods: Sequence[str], workers: int | None) -> 
         )
     request = repeated_request(directory / MANIFEST)
     values = {k: tuple(v) if isinstance(v, list) else v for k, v in request.items()}
-    if "shard" in values:
-        values["shard"] = read_shard(str(values["shard"]))
     asked = {"methods": tuple(methods), "workers": workers, "out": directory}
     asked["device"] = manifest["device"]
     return Options(**{**values, **asked, "same_objects": True})
@@ -206,7 +204,6 @@ def on_dataset(options: Options, dataset: str, limit: int | None, out: Path | No
         limit=options.limit if limit is None else limit,
         views=min(filter(None, views)),
         seed=options.seed if opened.seed is None else None,
-        shard=None,
         out=out or beside.with_name(default_name(beside.name, dataset)),
         same_objects=False,
     )

@@ -219,12 +219,6 @@ def _option(
     return parameter, convert
 
 
-def _shard(text: str | None) -> Any:
-    from bench.running.options import read_shard
-
-    return read_shard(text) if text else None
-
-
 def _seconds(text: str | None) -> float | None:
     from bench.running.plan import seconds_of
 
@@ -268,12 +262,6 @@ RUN_OPTIONS: dict[str, str | OptionSpec] = {  # of `bench.running.protocol.Optio
     "device": OptionSpec(DEVICE, kind=Device),
     "seed": "Seed of clouds, views and noise. Default: 0, or that of an export.",
     "out": "The run's folder. Default: results/runs/SUITE-DATASET.",
-    "shard": OptionSpec(
-        "Only the kth of N parts of the objects; 'bench merge' joins them. Default: all objects.",
-        metavar="k/N",
-        kind=str | None,
-        convert=_shard,
-    ),
     "ray": OptionSpec(
         "Run on a Ray cluster: host:port, auto or local; see docs/cluster.md. Default: on this "
         "machine.",

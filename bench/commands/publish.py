@@ -1,4 +1,4 @@
-"""The outputs of a run or a merge: tables, figures and the report."""
+"""The outputs of a run: tables, figures and the report."""
 
 from __future__ import annotations
 
@@ -27,14 +27,12 @@ from bench.report.run_figures import (
     write_figures,
     write_frontier,
 )
-from bench.running.merge import Merged, merge
 from bench.running.options import Options, device_of
 from bench.running.run import RunResult, run
 from bench.tables.build import Outputs, paper_values, write_outputs, write_tails
 from bench.tables.latex import PREAMBLE
 from bench.tables.markdown import visible
 from bench.tables.table import TABLES, Table
-from data_prep.failures import BadInput
 
 
 def run_suite(options: Options) -> RunResult[Outputs]:
@@ -44,22 +42,10 @@ def run_suite(options: Options) -> RunResult[Outputs]:
     """
     device = metrics_device(device_of(options)) if options.metrics else "cpu"
     further = [find_metric(metric_id, device) for metric_id in options.metrics or ()]
-    if further and options.shard:
-        raise BadInput(
-            "--metrics: has no meaning for a part of a run; leave it, and give it to 'bench score' "
-            "once the shards are merged"
-        )
     finished = run(options, partial(publish, further=further), partial(Terminal, LiveTable().table))
     if finished.outputs is not None:
         _report(finished.outputs)
     return finished
-
-
-def merge_shards(directories: Sequence[Path], out: Path) -> Merged[Outputs]:
-    """Join the shards of a run in `out`. Raises BadInput as `bench.running.merge.merge`."""
-    merged = merge(directories, out, publish)
-    _report(merged.outputs)
-    return merged
 
 
 def publish(

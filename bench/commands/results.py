@@ -1,4 +1,4 @@
-"""The commands on finished runs: merge, table, report, compare, recommend."""
+"""The commands on finished runs: table, report, compare, recommend."""
 
 from __future__ import annotations
 
@@ -47,25 +47,6 @@ from data_prep.datasets.dataset import listed
 from data_prep.failures import BadInput, CannotWrite
 
 _COMPARISONS = "comparisons"
-
-
-def merge(
-    directories: Annotated[
-        list[Path], path_argument("DIR...", "The folders of all shards of a run.")
-    ],
-    out: Annotated[Path, path_option("The folder of the whole run.")],
-    format_: FormatOption = None,
-) -> None:
-    """Join shards ('bench run --shard k/N') to the whole run."""
-    from bench.commands.publish import merge_shards, print_outputs
-
-    merged = merge_shards(directories, out)
-    print_outputs(merged.outputs, format_)
-    print(
-        f"{merged.jobs} jobs of {len(directories)} shards, {merged.copied} copied now\n"
-        f"results in {out}",
-        file=sys.stderr,
-    )
 
 
 def table(directory: RunDirectory, format_: FormatOption = None) -> None:

@@ -66,7 +66,6 @@ def _settings(status: RunStatus, options: Options) -> list[tuple[str, str]]:
     return [
         ("suite", f"{suite.id}: {suite.about}"),
         ("dataset", protocol.dataset),
-        ("shard", str(protocol.shard) if protocol.shard else "the whole"),
         ("truth", TRUTHS[suite.truth]),
         ("objects", ", ".join(f"{number} {name}" for name, number in classes.items())),
         ("conditions", ", ".join(protocol.conditions)),

@@ -31,8 +31,7 @@ _ELSEWHERE = "give --out"  # remedy where a folder cannot be written
 MOST_BYTES = 64 * MIB  # of a manifest: one line an object
 FIXED = ("suite", "dataset", "views", "seed", "device")  # one directory, one value of each
 PROTOCOL = "protocol"  # its version
-_SHARD = "shard"  # one value, too; in manifests of suites that can be divided
-TRUTH = "truth"  # likewise; there only where it is not COLOURED
+TRUTH = "truth"  # one value, too; there only where it is not COLOURED
 CONDITION_IDENTITIES = "condition_identities"  # there only for conditions of other packages
 COLOURED = "coloured"  # the truth without --truth
 
@@ -48,7 +47,7 @@ _SCHEMA: Mapping[str, Any] = {
     **dict.fromkeys(("objectives", "condition_identities", "skipped_metrics"), _FACTS),
     **dict.fromkeys(("feature_identity", "environment", "versions"), _FACTS),
     **{name: {str: (int, float)} for name in ("stage_seconds", "worker_shares")},
-    **dict.fromkeys(("shard", "finished"), (None, str)),
+    "finished": (None, str),
     "identities": {str: [int, str, str]},
     "environments": [{"jobs": int, str: str}],
     "entered": {str: {"tree": str, "name": str}},
@@ -59,7 +58,6 @@ _SCHEMA: Mapping[str, Any] = {
     | {"memory_gib": (int, float)},
     "git": {"commit": str, "clean": bool},
     "cluster": (None, dict.fromkeys(("address", "version"), str)),
-    "merged": [{"shard": str, "started": (None, str), "machine": {"cpu": str}}],
     "request": {
         **dict.fromkeys(("suite", "dataset", "device", "truth", "inception_weights"), str),
         **{name: [str] for name in ("methods", "conditions", "metrics")},
@@ -72,7 +70,7 @@ _NEEDED = (
     *("methods", "environment", "command", "started", "finished", "versions", "machine"),
 )
 _OF_JOBS = (
-    *("shard", "identities", "objectives", "conditions", "objects", "skipped_metrics"),
+    *("identities", "objectives", "conditions", "objects", "skipped_metrics"),
     *("feature_identity", "planned"),
 )
 # Suites with a procedure of their own measure other things.
@@ -118,7 +116,7 @@ def _locked(directory: Path, remedy: str = _ELSEWHERE) -> Iterator[None]:
         except OSError as error:
             raise BadInput(
                 f"{directory}: its file system has no locks ({error.strerror}); give --out on a "
-                "local disk, and 'bench merge' shards that lie elsewhere"
+                "local disk"
             ) from error
         yield
 
@@ -160,7 +158,7 @@ def check_directory(directory: Path, manifest: Mapping[str, Any]) -> dict[str, A
     if not _holds_run(directory):
         return {}
     stored = read_manifest(directory)
-    for name in (*FIXED, _SHARD, TRUTH):
+    for name in (*FIXED, TRUTH):
         present, wanted = entry(stored, name), entry(manifest, name)
         if present != wanted:
             raise BadInput(

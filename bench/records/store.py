@@ -205,21 +205,6 @@ class Store:
         )
         self._put((*row, row_checksum(row)), result.arrays)
 
-    def copy(self, keys: Collection[str], source: Store) -> set[str]:
-        """Copy jobs from another store as far as this one does not have them, or has others.
-
-        Return the keys of the jobs that this store has then. Raises DamagedJob where a job of
-        `source` has changed.
-        """
-        query = f"SELECT {_JOB} FROM job WHERE key IN (SELECT value FROM json_each(?))"
-        named = json.dumps([*keys])
-        present = {*self._rows(query, named)}
-        wanted = source._rows(query, named)
-        for row in wanted:
-            if row not in present:
-                self._put(row, source.arrays(source._result(row).key))
-        return {row[0] for row in wanted}
-
     def _put(self, row: tuple[Any, ...], arrays: Mapping[str, bytes]) -> None:
         with self._transaction() as execute:
             _forget(execute, "key = ?", row[0])

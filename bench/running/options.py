@@ -4,10 +4,10 @@ from __future__ import annotations
 
 import ctypes
 import re
-from collections.abc import Callable, Iterable, Sequence
+from collections.abc import Callable, Iterable
 from dataclasses import dataclass
 from pathlib import Path
-from typing import Any, TypeVar
+from typing import Any
 from unicodedata import category, normalize
 
 from bench.catalogue.loaders import GPU, chosen_device
@@ -32,34 +32,6 @@ REPEATED = (
 )
 
 
-Element = TypeVar("Element")
-
-
-@dataclass(frozen=True)
-class Shard:
-    """Shard `number` (from 1) of `count` shards."""
-
-    number: int
-    count: int
-
-    def __str__(self) -> str:
-        return f"{self.number}/{self.count}"
-
-    def select(self, elements: Sequence[Element]) -> tuple[Element, ...]:
-        """Return the elements of this shard; none where there are fewer elements than shards."""
-        return tuple(elements[self.number - 1 :: self.count])
-
-
-def read_shard(text: str) -> Shard:
-    """Return the shard with the name "k/N". Raises BadInput for any other text."""
-    match = re.fullmatch(r"([0-9]{1,6})/([0-9]{1,6})", text)
-    if match is not None:
-        shard = Shard(int(match[1]), int(match[2]))
-        if 1 <= shard.number <= shard.count:
-            return shard
-    raise BadInput(f"--shard {text}: give k/N, the kth of N parts, as in 1/4 ... 4/4")
-
-
 @dataclass(frozen=True)
 class Options:
     """The options of the command line; None means the choice of the suite or of the dataset."""
@@ -76,7 +48,6 @@ class Options:
     seed: int | None = None
     out: Path | None = None
     fresh: bool = False
-    shard: Shard | None = None
     ray: str | None = None
     inception_weights: str | None = None
     truth: Truth | None = None
@@ -94,7 +65,7 @@ class Options:
     def directory(self) -> Path:
         """Return the run's folder."""
         truth = None if self.truth == COLOURED else self.truth
-        return self.out or RUNS / default_name(self.suite, self.dataset, self.shard, truth)
+        return self.out or RUNS / default_name(self.suite, self.dataset, truth)
 
 
 def refuse(suite: str, options: Iterable[tuple[str, object, str]]) -> None:
@@ -156,16 +127,12 @@ def workers_of(suite: Suite, options: Options) -> int:
     return options.workers or cores()
 
 
-def default_name(
-    suite: str, dataset: str, shard: Shard | None = None, truth: Truth | None = None
-) -> str:
+def default_name(suite: str, dataset: str, truth: Truth | None = None) -> str:
     """Return the name of the folder of a run of a suite, or of the run `suite`, on a dataset."""
     kind, _, location = dataset.partition(":")
     parts = [suite, kind, Path(location).resolve().name] if location else [suite, kind]
     if truth is not None:
         parts.append(f"truth-{truth}")
-    if shard is not None:
-        parts.append(f"shard-{shard.number}-of-{shard.count}")
     return file_name(*parts)
 
 

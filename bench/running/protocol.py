@@ -44,15 +44,7 @@ from bench.records.run_folder import CONDITION_IDENTITIES, FIXED, check_director
 from bench.records.run_folder import PROTOCOL as PROTOCOL_ENTRY
 from bench.records.store import STORE, open_store
 from bench.running.environment import environment, machine_info
-from bench.running.options import (
-    REPEATED,
-    Options,
-    Shard,
-    device_of,
-    read_shard,
-    refuse_values,
-    seed_of,
-)
+from bench.running.options import REPEATED, Options, device_of, refuse_values, seed_of
 from data_prep.datasets.objects import SceneObject
 from data_prep.datasets.protocol_version import PROTOCOL_VERSION
 from data_prep.datasets.registry import Dataset, open_dataset
@@ -61,7 +53,6 @@ from data_prep.files.checksums import file_sha256
 from data_prep.plugins import announced
 from data_prep.progress import log
 
-WHOLE: str | None = None  # in the manifest of a run that is no shard
 APART = "give --out for a run of its own, or --fresh to start over"
 NOT_LOADED = "of a module that this command does not name"  # source of such a method
 
@@ -74,7 +65,7 @@ class Protocol:
     dataset: str
     methods: Mapping[str, Method]  # by id, in the order of the tables
     conditions: tuple[str, ...]
-    objects: tuple[SceneObject, ...]  # where there is a shard, those of the shard
+    objects: tuple[SceneObject, ...]
     views: int  # images of each object
     seed: int
     device: str  # where networks run: "cpu", "cuda", or "auto" where `device_of` leaves it
@@ -86,7 +77,6 @@ class Protocol:
     skipped: Mapping[str, str] = field(default_factory=dict)  # metrics, and why they are not taken
     # The options that were given, as `bench run --config` reads them.
     asked: Mapping[str, Any] = field(default_factory=dict, compare=False)
-    shard: Shard | None = None
     export: str | None = None  # checksum of the export that the dataset is
     # The manifest that the folder had when this was decided, the objects that its tables have and
     # are to keep, and how many objects the run is to have at last, where these are not all.
@@ -158,7 +148,6 @@ class Protocol:
             environment=(probe or environment)(),
             skipped=skipped,
             asked=options.request,
-            shard=options.shard,
             export=dataset.checksum,
         )
         if options.fresh:
@@ -225,15 +214,11 @@ class Protocol:
     def fixed(self) -> dict[str, Any]:
         """Return the entries of the manifest that all runs of one folder share."""
         named = {name: getattr(self, name) for name in FIXED}
-        named |= {"suite": self.suite.id, "shard": str(self.shard) if self.shard else WHOLE}
-        return named | truth_entry(self.suite)
+        return named | {"suite": self.suite.id} | truth_entry(self.suite)
 
     @property
     def request(self) -> dict[str, Any]:
-        """Return the options that repeat the run, with everything stated that was left to defaults.
-
-        The limit of a shard is that of the whole run, which its own objects do not tell.
-        """
+        """Return the options that repeat the run, also those that were left to defaults."""
         classes = [obj.class_name for obj in self.objects]
         stated = {
             **self.asked,
@@ -241,9 +226,8 @@ class Protocol:
             "conditions": list(self.conditions),
             "views": self.views,
             "seed": self.seed,
+            "limit": max(map(classes.count, {*classes})),
         }
-        if not self.shard:
-            stated["limit"] = max(map(classes.count, {*classes}))
         if self.planned:
             stated |= {k: v for k, v in self.before["request"].items() if k == "limit"}
         return {name: stated[name] for name in REPEATED if name in stated}
@@ -304,11 +288,6 @@ def method_identity(method: Method, device: str) -> list[Any]:
 
 def _suite_of(options: Options) -> Suite:
     """Return the suite of a run with its truth, and name on stderr what is left out for it."""
-    if options.budget is not None and options.shard is not None:
-        raise BadInput(
-            f"--budget: has no meaning with --shard {options.shard}, whose objects are fixed; "
-            "leave one of the two"
-        )
     in_colours = find(options.suite, SUITES, "suite")
     suite = with_truth(in_colours, options.truth)
     if options.inception_weights and FID not in suite.extractors:
@@ -358,7 +337,7 @@ def extractors_of(
 
 
 def objects_of(suite: Suite, dataset: Dataset, options: Options) -> tuple[SceneObject, ...]:
-    """Return the objects of a run or of a shard, class by class; refuse a dataset without."""
+    """Return the objects of a run, class by class; refuse a dataset without."""
     classes = suite.classes
     if len(classes) > 1 and not dataset.classes:
         raise BadInput(
@@ -368,22 +347,13 @@ def objects_of(suite: Suite, dataset: Dataset, options: Options) -> tuple[SceneO
     if len(classes) > 1:  # the dataset refuses the first one, with what it has
         classes = tuple(name for name in classes if name in dataset.classes) or classes[:1]
     limits = options.limit, suite.endless_limit
-    objects = tuple(obj for name in classes for obj in dataset.objects(name, *limits))
-    if options.shard is None:
-        return objects
-    if not (selected := options.shard.select(objects)):
-        raise BadInput(
-            f"--shard {options.shard}: there are only {len(objects)} objects; make fewer shards"
-        )
-    return selected
+    return tuple(obj for name in classes for obj in dataset.objects(name, *limits))
 
 
 def objects_to_search(manifest: Mapping[str, Any]) -> int:
     """Return how many objects of a class include all objects of the run with this manifest."""
-    name = manifest["shard"]
     # In a run that was stopped, the complete objects need not be the first that were planned.
-    count = max(len(manifest["objects"]), manifest["planned"])
-    return count * (read_shard(name).count if name else 1)
+    return max(len(manifest["objects"]), manifest["planned"])
 
 
 def _find_objects(
@@ -441,11 +411,6 @@ def _objects_there(
     """Return the wanted objects, as the dataset orders them; refuse where one is gone."""
     if {*asked.names} == wanted:
         return asked.objects
-    if asked.shard is not None:
-        raise BadInput(
-            f"{directory}: shard {asked.shard} there has other objects; give its --limit again, "
-            f"{APART}"
-        )
     count = max(objects_to_search(before), len(asked.objects))
     objects = _find_objects(asked.suite, open_dataset(asked.dataset), wanted, count)
     if lost := sorted({*wanted} - {*map(name_of, objects)}):

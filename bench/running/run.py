@@ -325,8 +325,6 @@ def _open_checked(directory: Path, check: Callable[[], None], fresh: bool) -> It
         try:
             yield store
         except DamagedJob as error:
-            if error.path != store.path:  # of a shard
-                raise
             count = store.forget_damaged(error.key)
             raise BadInput(
                 f"{store.path}: the images or records of {count} jobs are missing or altered; run "

@@ -418,7 +418,7 @@ def make_manifest(**changes):
         "finished": "2026-01-01T00:00:00+00:00",
         **{name: {} for name in ("environment", "versions", "machine", "identities", "objectives")},
         **{"request": {}, "feature_identity": {}, "command": [], "started": ""},
-        **{"shard": None, "planned": 0},
+        "planned": 0,
     } | changes
 
 

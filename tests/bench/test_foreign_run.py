@@ -32,7 +32,6 @@ def made(tmp_path_factory) -> Path:
         "request": stored["request"] | {"methods": names["methods"], "limit": 3},
         "planned": 3,
         "entered": {"splat": {"tree": "/x", "name": "splat"}},
-        "merged": [{"shard": "1/2", "started": None, "machine": {"cpu": "x"}}],
         "cluster": {"address": "local", "version": "2"},
         "truth": "coloured",
     }
@@ -85,7 +84,6 @@ COMMANDS = (
     ("recommend", "run", "--budget-ms", "1000"),
     ("report", "run"),
     ("score", "run", "--metrics", "ms-ssim"),
-    ("merge", "run", "--out", "merged"),
     ("add", "splat", "run"),
     ("run", "--config", "run/manifest.json", "--dry-run"),
     ("run", "--suite", "chair-robustness", "--limit", "3", "--views", "2", "--out", "run"),
@@ -101,7 +99,7 @@ def problem(read: Any, *arguments: Any) -> str:
 
 
 MAY_LACK = {"condition_identities", "workers", "code", "git", "stage_seconds", "worker_shares"}
-MAY_LACK |= {"cluster", "entered", "merged", "truth", "environments"}
+MAY_LACK |= {"cluster", "entered", "truth", "environments"}
 
 
 def test_every_entry_of_a_manifest_has_a_type_and_few_may_lack(copied):
@@ -118,8 +116,8 @@ def test_every_entry_of_a_manifest_has_a_type_and_few_may_lack(copied):
             elif "." not in entry:
                 lacking.add(entry)
     assert lacking == MAY_LACK
-    either = {"shard x", "cluster None", "machine.memory_gib 7", "finished None"}
-    either |= {"merged.0.started x"} | {w for w in accepted if w.endswith(" 7") and "_s" in w}
+    either = {"cluster None", "machine.memory_gib 7", "finished None"}
+    either |= {w for w in accepted if w.endswith(" 7") and "_s" in w}
     assert {*accepted} == either
 
 

@@ -90,7 +90,7 @@ def run(
         suite,
         conditions="clouds have all their 2048 points",
         views="everything is seen from one fixed view",
-        **dict.fromkeys(("workers", "shard", "ray"), "it works in one process"),
+        **dict.fromkeys(("workers", "ray"), "it works in one process"),
     )
     dataset, seed = open_dataset(options.dataset), options.seed or 0
     if dataset.finite is not None or dataset.measured == "novel-families":

@@ -115,7 +115,7 @@ def run(
         options,
         suite,
         workers="its measurements are taken one after the other",
-        **dict.fromkeys(("shard", "ray"), "which times one machine"),
+        ray="which times one machine",
     )
     clouds, dataset = options.limit or suite.clouds, open_dataset(options.dataset)
     options = replace(

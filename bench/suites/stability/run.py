@@ -105,7 +105,7 @@ def run(options: Options, suite: _StabilitySuite = STABILITY) -> SuiteRun:
         suite,
         conditions="its cases take their place",
         views="each case has its own",
-        **dict.fromkeys(("limit", "shard", "ray"), "all cases are taken of one object"),
+        **dict.fromkeys(("limit", "ray"), "all cases are taken of one object"),
     )
     if options.dataset != "procedural":
         raise BadInput(

@@ -6,7 +6,7 @@ import pytest
 
 from bench.commands import run as module
 from bench.records.run_folder import read_manifest
-from bench.running.options import REPEATED, Options, Shard
+from bench.running.options import REPEATED, Options
 
 from ..builders import make_manifest, write_manifest
 
@@ -86,11 +86,6 @@ def test_a_manifest_says_nothing_about_where_how_and_over_what(repeated, tmp_pat
     foreign = {"out": str(tmp_path / "mine"), "fresh": True, "ray": "ray://there:1", "workers": 64}
     foreign |= {"budget": "1s", "device": "cuda", "dry-run": True, "format": "csv"}
     assert repeated(request=request | foreign) == repeated(request=request)
-
-
-def test_a_shard_is_repeated_as_a_shard(repeated):
-    again = repeated(shard="2/2", objects=objects(1, 3))
-    assert (again.shard, again.limit) == (Shard(2, 2), 5)
 
 
 def test_other_objects_may_be_asked_for(repeated):

@@ -127,7 +127,6 @@ MANIFESTS = {
     "protocol-0": repeated(0, 1, protocol=0),
     "schema-4": repeated(0, 1, schema_version=4),
     "others": repeated(0, 2),
-    "shard": repeated(1, shard="2/2"),
 }
 OTHERS = "finish it with its command, bring its dataset back as it was, or give another --limit"
 SPREAD = "spread must be a number from 0.1 to 10, not"
@@ -142,9 +141,9 @@ CASES: dict[str, str] = {
     f"{ROBUSTNESS} --device gpu": "Invalid value for '--device': 'gpu' is not one of 'auto', 'cpu'",
     "train gan --steps x": "see 'bench train gan --help'",
     # --- names that there are not
-    "rnder": "unknown command 'rnder': did you mean 'render'? there are run, merge, list, table, "
-    "check and 12 more; see 'bench --help'",
-    "xyz": "unknown command 'xyz': there are run, merge, list, table, check and 12 more; ",
+    "rnder": "unknown command 'rnder': did you mean 'render'? there are run, list, table, check, "
+    "report and 11 more; see 'bench --help'",
+    "xyz": "unknown command 'xyz': there are run, list, table, check, report and 11 more; ",
     "train gann": "unknown command 'gann': did you mean 'gan'? there are autoencoder, ",
     "list metrcs": "unknown section 'metrcs': did you mean 'metrics'? there are suites, methods, "
     "variants, conditions, metrics and 1 more; see 'bench list --help'",
@@ -190,14 +189,10 @@ CASES: dict[str, str] = {
     "data inspect . --sample -1": "--sample -1: must be at least 0",
     "data inspect . --workers 0": "--workers 0: must be at least 1",
     # --- what has no meaning together
-    "run --suite latent --shard 1/2": "--shard: has no meaning for the suite latent",
-    "run --suite stability --shard 1/2": "--shard: has no meaning for the suite stability",
-    "run --suite speed --shard 1/2": "--shard: has no meaning for the suite speed",
     "run --suite latent --truth grey": "--truth: has no meaning for the suite latent, which has ",
     "run --suite stability --truth grey": "--truth: has no meaning for the suite stability, which ",
     "run --suite speed --truth coloured": "--truth: has no meaning for the suite speed, which has ",
     "run --suite stability --metrics flip": "--metrics: has no meaning for the suite stability",
-    f"{ROBUSTNESS} --metrics flip --shard 1/2": "--metrics: has no meaning for a part of a run; ",
     f"{ROBUSTNESS} --metrics ssim": "metric 'ssim': suites that have it take it by themselves",
     "run --suite speed-accuracy --methods blank --workers 2": "--workers: has no meaning for the "
     "suite speed-accuracy, ",
@@ -325,7 +320,6 @@ CASES: dict[str, str] = {
     "run --config schema-4/manifest.json": "a run of version 1.0.0 or earlier (schema 4, this one ",
     "run --config others/manifest.json --dry-run": "the 2 objects of that run are "
     f"not the 2 that options can choose now; {OTHERS}",
-    "run --config shard/manifest.json --dry-run": "the 1 objects of that run are not the 2 that op",
     f"{ROBUSTNESS} --out=~nobody-of-this-name/y": "~nobody-of-this-name/y: no such user; give the ",
     # --- trainings
     "train splat-net --network huge": "--network: unknown 'huge'; choose one of default, points2pi",
@@ -418,9 +412,8 @@ OF_OTHER_PROTOCOLS = {  # command lines on what is of protocol N, and the remedy
             "check run-N --golden golden-N.json",
             *("compare run run-N", "compare run-N run", "compare run-N run-N"),
             *("compare run-N --methods splat,blank", "score run-N --metrics ms-ssim"),
-            *("merge run-N --out whole", "add splat run-N", "add splat run-N --dataset procedural"),
+            *("add splat run-N", "add splat run-N --dataset procedural"),
             *(f"{ROBUSTNESS} --methods splat --out run-N", f"{ROBUSTNESS} --dry-run --out run-N"),
-            f"{ROBUSTNESS} --methods splat --shard 1/2 --out run-N",
             *(f"run --suite {suite} --out run-N" for suite in ("stability", "speed", "latent")),
         ),
         f"or {AGAIN}",
@@ -463,12 +456,10 @@ PARTS: dict[str, tuple[str, dict | None, str | None]] = {
     "store-1": ("a store of version 2.0.0 or earlier, which this one does not read", {}, STORE_1),
     "a-job-less": ("lists no job of splat 512 chair a (1 of ", {}, ONE_LESS),
 }
-for name, (says, _, store) in PARTS.items():
+for name, (says, _, _) in PARTS.items():
     CASES |= {f"{command} {name}": says for command in ("table", "check", "report")}
     CASES[f"recommend {name} --budget-ms 10"] = CASES[f"score {name} --metrics ms-ssim"] = says
     CASES[f"compare {name} --methods splat,blank"] = says
-    if store == "":
-        CASES[f"merge {name} --out whole"] = says
     if name in ("newer", "schema-4-run", "no-protocol", "no-names", "store-1"):
         CASES[f"{ROBUSTNESS} --views 2 --device cpu --out {name}"] = says
 WITHOUT_GPU = [

@@ -97,7 +97,7 @@ def test_new_and_empty_directories_a_lock_alone_and_the_same_run_are_welcome(tmp
     check_directory(tmp_path, grown)
 
 
-@pytest.mark.parametrize("name", [*FIXED, "shard"])
+@pytest.mark.parametrize("name", FIXED)
 def test_another_run_is_refused(tmp_path, name):
     write_manifest(tmp_path, make_manifest())
     assert refusal(check_directory, tmp_path, make_manifest(**{name: "another"})) == (

@@ -350,25 +350,6 @@ def harm_array(directory, key, harm, name="images"):
             database.execute(f"UPDATE blob SET data = ? {where}", (changed, name, key))
 
 
-def test_jobs_are_copied_from_another_store_once(tmp_path):
-    jobs = fill(tmp_path / "a", "splat", "blank")
-    keys = [job.key for job in jobs]
-    with open_folder(tmp_path / "b") as store, open_store(tmp_path / "a") as source:
-        assert store.copy([*keys, "unknown"], source) == {*keys}
-        assert store.copy(keys, source) == {*keys}
-        assert store.appended == 2
-        assert [store.arrays(key) for key in keys] == [source.arrays(key) for key in keys]
-        assert store.result(keys[0]) == source.result(keys[0])
-    fill(tmp_path / "a", "splat", seed=1)
-    with open_folder(tmp_path / "b") as store, open_store(tmp_path / "a") as source:
-        store.copy(keys, source)
-        assert store.appended == 1
-        assert store.arrays(keys[0]) == finish(jobs[0], 1).arrays
-    harm_array(tmp_path / "a", keys[0], "altered")
-    with open_folder(tmp_path / "c") as store, open_store(tmp_path / "a") as source:
-        assert f"{tmp_path / 'a' / STORE}: the images" in refusal(store.copy, keys, source)
-
-
 def test_records_and_images_are_read_back_and_not_kept(tmp_path):
     """What a process holds of a store does not grow with its jobs."""
     job = make_job()

@@ -31,7 +31,7 @@ from bench.records.frames import read_jobs
 from bench.records.record import GROUND_TRUTH
 from bench.records.run_folder import open_store, read_manifest
 from bench.records.store import STORE
-from bench.running.options import Options, Shard
+from bench.running.options import Options
 from bench.running.plan import Budget
 from bench.running.protocol import Protocol
 from bench.running.run import run, run_status
@@ -303,8 +303,6 @@ def test_budgets_that_cannot_be_kept_are_refused_before_any_work(
     options = finished_options(tiny_weights, tmp_path / "run", budget=5.0)
     with pytest.raises(BadInput, match=r"--budget 5s: too short for one object .* at least \d+s"):
         run_suite(options)
-    with pytest.raises(BadInput, match=r"--budget: has no meaning with --shard 1/2"):
-        run_suite(replace(options, shard=Shard(1, 2)))
     assert not (tmp_path / "run").exists()
 
 
@@ -344,7 +342,7 @@ def test_a_manifest_that_another_run_writes_meanwhile_stays(no_machine, copied, 
 
     def plan(protocol):
         copied.mkdir(exist_ok=True)
-        text = read_manifest(copied) if there else make_manifest(device="auto", shard=None)
+        text = read_manifest(copied) if there else make_manifest(device="auto")
         manifest.write_text(json.dumps(text | {"finished": "later"}))
         return real(protocol)
 
@@ -492,4 +490,3 @@ def test_default_folder(tmp_path, monkeypatch):
         ("folder:.", "s-folder-meshes"),
     ):
         assert Options("s", dataset).directory == Path("results/runs", name)
-    assert Options("s", shard=Shard(2, 3)).directory.name == "s-procedural-shard-2-of-3"

@@ -12,11 +12,11 @@ import pytest
 from bench.catalogue.method import ALLOWED, allow_modules, module_method
 from bench.catalogue.method_files import source_sha256
 from bench.commands.contract import options_of
-from bench.commands.publish import merge_shards, publish, run_suite
+from bench.commands.publish import publish, run_suite
 from bench.commands.terminal import Terminal
 from bench.records.frames import read_records
 from bench.records.run_folder import open_folder, read_manifest, write_manifest
-from bench.running.options import Options, Shard
+from bench.running.options import Options
 from bench.running.protocol import Protocol, joined
 from bench.running.run import executors_for, open_run, run
 from bench.suites.procedure import methods_of
@@ -154,15 +154,6 @@ def test_a_run_that_was_killed_while_its_tables_were_made_is_kept(
     assert (len(wide.methods), len(wide.objects)) == (4, 3)
 
 
-def test_a_shard_of_other_objects_is_refused(tmp_path, no_machine):
-    here = make_manifest(device="auto", shard="1/2", objects=["chair/test-0000", "chair/test-0002"])
-    write_manifest(tmp_path, here)
-    with pytest.raises(BadInput, match=r"shard 1/2 there has other objects; give its --limit"):
-        asked(tmp_path, limit=2, shard=Shard(1, 2))
-    wide = asked(tmp_path, limit=5, shard=Shard(1, 2))
-    assert wide.names == [f"chair/test-000{i}" for i in (0, 2, 4)]
-
-
 def test_suites_of_their_own_keep_their_methods(tmp_path, capsys):
     options = Options("stability", methods=("splat",), out=tmp_path)
     assert methods_of(options, STABILITY) == ("splat",)
@@ -173,17 +164,6 @@ def test_suites_of_their_own_keep_their_methods(tmp_path, capsys):
     write_manifest(tmp_path, make_manifest(suite="stability", methods=["my-plug-in"]))
     with pytest.raises(BadInput, match="cannot be kept here: unknown method 'my-plug-in'; install"):
         methods_of(options, STABILITY)
-
-
-@pytest.mark.slow
-def test_a_merge_does_not_narrow_a_run(copied, tmp_path, same_machine, tiny_weights):
-    shard = tmp_path / "shard"
-    cell = {"methods": ("blank",), "conditions": ("2048",), "limit": 1}
-    run_suite(finished_options(tiny_weights, shard, shard=Shard(1, 1), **cell))
-    before = every_file(copied)
-    with pytest.raises(BadInput, match=r"run: holds a run with 3 more methods, splat among them"):
-        merge_shards([shard], copied)
-    assert every_file(copied) == before
 
 
 @pytest.mark.parametrize(
