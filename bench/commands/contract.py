@@ -170,15 +170,16 @@ def options_of(directory: Path, methods: Sequence[str], workers: int | None) -> 
     """
     manifest = read_finished(directory)
     if (suite := manifest["suite"]) not in JOB_SUITES:
+        every = ",".join(dict.fromkeys((*manifest["methods"], *methods)))
         raise BadInput(
             f"{directory}: a run of the suite {suite}; use 'bench run --suite {suite} --methods "
-            f"{','.join(methods)} --out {directory}', which goes on with it"
+            f"{every} --out {directory}', which goes on with it"
         )
     request = repeated_request(directory / MANIFEST)
     values = {k: tuple(v) if isinstance(v, list) else v for k, v in request.items()}
     asked = {"methods": tuple(methods), "workers": workers, "out": directory}
     asked["device"] = manifest["device"]
-    return Options(**{**values, **asked, "same_objects": True})
+    return Options(**{**values, **asked, "adds": True})
 
 
 def on_dataset(options: Options, dataset: str, limit: int | None, out: Path | None) -> Options:
@@ -205,7 +206,7 @@ def on_dataset(options: Options, dataset: str, limit: int | None, out: Path | No
         views=min(filter(None, views)),
         seed=options.seed if opened.seed is None else None,
         out=out or beside.with_name(default_name(beside.name, dataset)),
-        same_objects=False,
+        adds=False,
     )
 
 

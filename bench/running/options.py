@@ -52,7 +52,7 @@ class Options:
     inception_weights: str | None = None
     truth: Truth | None = None
     metrics: tuple[str, ...] | None = None  # beside those of the suite
-    same_objects: bool = False  # no others than those of the run in the folder: 'bench add'
+    adds: bool = False  # the methods to those of the run in the folder: 'bench add'
 
     @property
     def request(self) -> dict[str, Any]:

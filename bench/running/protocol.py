@@ -1,16 +1,10 @@
-"""The protocol of a run: what is measured, from options or a manifest, and as a manifest.
-
-A folder only grows: a run measures what is asked for and, by name, what the tables there have. Its
-manifest and tables stay those of the run before until the wider run has all their objects; so a
-run that is stopped, or killed, leaves them as they were.
-"""
+"""The protocol of a run: what is measured, from options or a manifest, and as a manifest."""
 
 from __future__ import annotations
 
 from collections.abc import Callable, Collection, Iterable, Mapping, Sequence
-from dataclasses import dataclass, field, replace
+from dataclasses import dataclass, field
 from functools import cached_property
-from pathlib import Path
 from typing import Any
 
 from bench.catalogue.conditions import find_condition
@@ -23,7 +17,6 @@ from bench.catalogue.methods import (
     FLOOR,
     RECOMMENDED,
     Method,
-    find_method,
     find_run_method,
     objectives,
 )
@@ -40,11 +33,10 @@ from bench.catalogue.suites import (
 )
 from bench.metrics.inception_weights import DOWNLOAD, WEIGHTS_SHA256
 from bench.records.record import SCHEMA_VERSION
-from bench.records.run_folder import CONDITION_IDENTITIES, FIXED, check_directory
+from bench.records.run_folder import CONDITION_IDENTITIES, FIXED
 from bench.records.run_folder import PROTOCOL as PROTOCOL_ENTRY
-from bench.records.store import STORE, open_store
 from bench.running.environment import environment, machine_info
-from bench.running.options import REPEATED, Options, device_of, refuse_values, seed_of
+from bench.running.options import Options, device_of, refuse_values, seed_of
 from data_prep.datasets.objects import SceneObject
 from data_prep.datasets.protocol_version import PROTOCOL_VERSION
 from data_prep.datasets.registry import Dataset, open_dataset
@@ -53,13 +45,10 @@ from data_prep.files.checksums import file_sha256
 from data_prep.plugins import announced
 from data_prep.progress import log
 
-APART = "give --out for a run of its own, or --fresh to start over"
-NOT_LOADED = "of a module that this command does not name"  # source of such a method
-
 
 @dataclass(frozen=True)
 class Protocol:
-    """The measurements of a run. Equal protocols give equal tables on one machine."""
+    """The decisions behind the values of a run: equal ones give equal tables on one machine."""
 
     suite: Suite  # with the truth of the run
     dataset: str
@@ -75,14 +64,7 @@ class Protocol:
     feature_identity: Mapping[str, str]
     environment: Mapping[str, str]  # what images depend on beside our code: driver and libraries
     skipped: Mapping[str, str] = field(default_factory=dict)  # metrics, and why they are not taken
-    # The options that were given, as `bench run --config` reads them.
-    asked: Mapping[str, Any] = field(default_factory=dict, compare=False)
     export: str | None = None  # checksum of the export that the dataset is
-    # The manifest that the folder had when this was decided, the objects that its tables have and
-    # are to keep, and how many objects the run is to have at last, where these are not all.
-    before: Mapping[str, Any] = field(default_factory=dict)
-    shown: frozenset[str] = frozenset()
-    planned: int | None = None
 
     @cached_property
     def identities(self) -> dict[str, list[Any]]:
@@ -101,12 +83,11 @@ class Protocol:
         probe: Callable[[], Mapping[str, str]] | None = None,
         fetches: bool = True,
     ) -> Protocol:
-        """Return the protocol of a run: what the options ask for, and what its folder has.
+        """Return the protocol that options ask for, whatever their folder holds.
 
-        Lines on stderr name what is left out, and what the folder has beside. Nothing is written.
-        `probe` finds out the environment. Without `fetches`, weights that the run would download
-        count as present. Raises BadInput for options that cannot be met, and for a folder with
-        something else or with a part that is not known here, and MissingDependency.
+        Lines on stderr name what is left out. Nothing is written. `probe` finds out the
+        environment. Without `fetches`, weights that the run would download count as present.
+        Raises BadInput for options that cannot be met, and MissingDependency.
         """
         suite = _suite_of(options)
         methods = find_methods(with_floor(options.methods or suite.methods))
@@ -134,7 +115,7 @@ class Protocol:
         features, identity, skipped = extractors_of(
             suite.extractors, options.inception_weights, device, fetches
         )
-        asked = cls(
+        return cls(
             suite=suite,
             dataset=dataset.id,
             methods=methods,
@@ -147,12 +128,8 @@ class Protocol:
             feature_identity=identity,
             environment=(probe or environment)(),
             skipped=skipped,
-            asked=options.request,
             export=dataset.checksum,
         )
-        if options.fresh:
-            return asked
-        return _with_folder(asked, options.directory, options.same_objects)
 
     @classmethod
     def from_manifest(
@@ -176,7 +153,7 @@ class Protocol:
             dataset=dataset.id,
             methods=find_methods(address_of(manifest, name) for name in names),
             conditions=tuple(manifest["conditions"] if conditions is None else conditions),
-            objects=_find_objects(suite, dataset, wanted, objects_to_search(manifest)),
+            objects=find_objects(suite, dataset, wanted, objects_to_search(manifest)),
             views=manifest["views"],
             seed=manifest["seed"],
             device=manifest["device"],
@@ -186,15 +163,23 @@ class Protocol:
             export=dataset.checksum,
         )
 
-    def to_manifest(self, workers: int, cluster: Mapping[str, Any] | None = None) -> dict[str, Any]:
-        """Return the manifest that the run has when all its objects are complete."""
+    def to_manifest(
+        self,
+        request: Mapping[str, Any],
+        planned: int,
+        workers: int,
+        cluster: Mapping[str, Any] | None = None,
+    ) -> dict[str, Any]:
+        """Return the manifest that the run has when all its objects are complete.
+
+        request  the options that repeat the run
+        planned  objects that the run is to have; those of the entry "objects" are complete
+        """
         trees = {k: (m.images.root, m.images.claims) for k, m in self.methods.items() if m.images}
         others = {n: find_condition(n).key for n in self.conditions if n in announced("condition")}
         return manifest_of(
-            self,
-            self.suite.id,
-            self.views,
-            self.environment,
+            request=request,
+            environment=self.environment,
             **self.fixed,
             methods=list(self.methods),
             identities=self.identities,
@@ -207,7 +192,7 @@ class Protocol:
             feature_identity=dict(self.feature_identity),
             workers=workers,
             cluster=cluster,
-            planned=self.planned or len(self.objects),  # "objects" will be those that are complete
+            planned=planned,
         )
 
     @property
@@ -216,41 +201,28 @@ class Protocol:
         named = {name: getattr(self, name) for name in FIXED}
         return named | {"suite": self.suite.id} | truth_entry(self.suite)
 
-    @property
-    def request(self) -> dict[str, Any]:
-        """Return the options that repeat the run, also those that were left to defaults."""
-        classes = [obj.class_name for obj in self.objects]
-        stated = {
-            **self.asked,
-            "methods": [method.address for method in self.methods.values()],
-            "conditions": list(self.conditions),
-            "views": self.views,
-            "seed": self.seed,
-            "limit": max(map(classes.count, {*classes})),
-        }
-        if self.planned:
-            stated |= {k: v for k, v in self.before["request"].items() if k == "limit"}
-        return {name: stated[name] for name in REPEATED if name in stated}
-
 
 def manifest_of(
-    asked: Protocol | Options,
-    suite: str,
-    views: int,
+    *,
+    request: Mapping[str, Any],
     environment: Mapping[str, str],
-    /,
+    suite: str,
+    dataset: str,
+    views: int,
+    seed: int,
+    device: str,
     **entries: object,
 ) -> dict[str, Any]:
     """Return the manifest of a run of any suite; `entries` are those of this kind of suite."""
     return {
         "schema_version": SCHEMA_VERSION,
         PROTOCOL_ENTRY: PROTOCOL_VERSION,
-        "request": asked.request,
+        "request": dict(request),
         "suite": suite,
-        "dataset": asked.dataset,
+        "dataset": dataset,
         "views": views,
-        "seed": asked.seed or 0,
-        "device": asked.device,
+        "seed": seed,
+        "device": device,
         **entries,
         "environment": dict(environment),
     } | machine_info()
@@ -356,7 +328,7 @@ def objects_to_search(manifest: Mapping[str, Any]) -> int:
     return max(len(manifest["objects"]), manifest["planned"])
 
 
-def _find_objects(
+def find_objects(
     suite: Suite, dataset: Dataset, names: Collection[str], count: int
 ) -> tuple[SceneObject, ...]:
     """Return the objects with these names, as the dataset orders them, of the first of a class."""
@@ -368,114 +340,3 @@ def _find_objects(
         for obj in dataset.objects(class_name, None, count)
         if name_of(obj) in names
     )
-
-
-def _with_folder(asked: Protocol, directory: Path, same_objects: bool) -> Protocol:
-    """Return a protocol with the methods, conditions and objects of the tables in a folder.
-
-    With `same_objects` the objects are those alone.
-    """
-    before = check_directory(directory, asked.fixed)
-    with open_store(directory) as store:
-        if not before.get("finished") and next(store.listed(), None) is None:
-            return replace(asked, before=before)  # it was stopped before it had tables
-        is_emptied = store.is_empty
-    suite, shown = asked.suite, frozenset(before["objects"])
-    methods = {**asked.methods, **methods_there(directory, asked.device, before, asked.methods)}
-    order = joined(tuple(asked.methods), before["methods"], suite.methods)
-    wanted = shown if same_objects else shown.union(asked.names)
-    wide = replace(
-        asked,
-        methods={name: methods[name] for name in order},
-        conditions=joined(asked.conditions, before["conditions"], suite.conditions),
-        objects=_objects_there(asked, directory, before, wanted),
-        before=before,
-        shown=shown,
-        planned=before["planned"] if same_objects else None,
-    )
-    if not same_objects:  # else to keep them is what was asked for
-        kinds = ("methods", "conditions", "objects")
-        tell_kept(directory, {k: len(getattr(wide, k)) - len(getattr(asked, k)) for k in kinds})
-    was = {**before["environment"], **before["feature_identity"]}
-    now = {**asked.environment, **asked.feature_identity}
-    if changed := [name for name in {**was, **now} if was.get(name) != now.get(name)]:
-        log(f"{directory}: was made with another {', '.join(changed)}; all its jobs are done again")
-    if is_emptied:
-        log(f"{directory}: {STORE} has none of its finished jobs any more; all are done again")
-    return wide
-
-
-def _objects_there(
-    asked: Protocol, directory: Path, before: Mapping[str, Any], wanted: Collection[str]
-) -> tuple[SceneObject, ...]:
-    """Return the wanted objects, as the dataset orders them; refuse where one is gone."""
-    if {*asked.names} == wanted:
-        return asked.objects
-    count = max(objects_to_search(before), len(asked.objects))
-    objects = _find_objects(asked.suite, open_dataset(asked.dataset), wanted, count)
-    if lost := sorted({*wanted} - {*map(name_of, objects)}):
-        raise BadInput(
-            f"{directory}: the run there has {lost[0]} ({len(lost)} in all), which {asked.dataset} "
-            f"no longer has; bring it back, {APART}"
-        )
-    return objects
-
-
-def joined(asked: Sequence[str], kept: Sequence[str], listed: Sequence[str]) -> tuple[str, ...]:
-    """Return the names of both, in the order of the one that has all names.
-
-    Where neither has all, the names that are `listed` come first, as they are listed there.
-    """
-    if {*kept} <= {*asked}:
-        return tuple(asked)
-    every = dict.fromkeys((*kept, *asked))
-    if {*asked} <= {*kept}:
-        return tuple(every)
-    return (*(name for name in listed if name in every), *(n for n in every if n not in listed))
-
-
-def tell_kept(directory: Path, more: Mapping[str, int]) -> None:
-    """Say on stderr how many methods, conditions and objects a folder has beyond the request."""
-    if lines := [counted(n, kind) for kind, n in more.items() if n]:
-        log(f"{directory}: keeps {', '.join(lines)} of the run there; {APART}")
-
-
-def counted(count: int, kind: str) -> str:
-    """Return a number with its noun, as in "1 more method"."""
-    return f"{count} more {kind if count > 1 else kind.removesuffix('s')}"
-
-
-def methods_there(
-    directory: Path, device: str, before: Mapping[str, Any], asked: Collection[str]
-) -> dict[str, Method]:
-    """Return the methods of the run in a folder beside those that are asked for, by id.
-
-    A method MODULE:NAME is known by its identity alone, where the manifest has `identities`: its
-    finished jobs stay, and nothing is executed because a manifest names it. What is not known or
-    cannot be used here is refused.
-    """
-    methods: dict[str, Method] = {}
-    try:
-        for name in sorted({*before["methods"]} - {*asked}):
-            identity = before.get("identities", {}).get(name)
-            if identity is not None and is_module_name(name):
-                version, text, _ = identity
-                methods[name] = Method(
-                    name,
-                    load=lambda device, name=name: find_method(name).load(device),  # refuses it
-                    identity=lambda text=text: str(text),
-                    version=int(version),
-                    source=NOT_LOADED,
-                )
-                continue
-            methods[name] = find_run_method(address_of(before, name))
-            method_identity(methods[name], device)
-        for condition in before.get("conditions", ()):
-            find_condition(condition)
-    except BadInput as error:
-        # The list of all known names would hide the remedy.
-        reason = str(error).partition(": ")[0] if str(error).startswith("unknown") else str(error)
-        raise BadInput(
-            f"{directory}: its run cannot be kept here: {reason}; install what is missing, {APART}"
-        ) from error
-    return methods

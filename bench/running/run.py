@@ -6,7 +6,7 @@ import math
 import time
 import typing
 from collections import Counter
-from collections.abc import Callable, Generator, Iterator, Mapping
+from collections.abc import Callable, Collection, Generator, Iterator, Mapping
 from contextlib import AbstractContextManager, closing, contextmanager
 from dataclasses import asdict, dataclass
 from functools import partial
@@ -36,6 +36,15 @@ from bench.running.environment import (
     now,
     started_environment,
 )
+from bench.running.folder import (
+    APART,
+    NOT_LOADED,
+    HeldRun,
+    planned_objects,
+    protocol_in_folder,
+    read_held,
+    stated_request,
+)
 from bench.running.isolation import QUEUED, Executor
 from bench.running.options import LOCAL, Options, workers_of
 from bench.running.plan import (
@@ -49,7 +58,7 @@ from bench.running.plan import (
     seeded_turns,
     settled,
 )
-from bench.running.protocol import APART, NOT_LOADED, Protocol, counted
+from bench.running.protocol import Protocol
 from bench.running.ray import RayPool, connected
 from bench.running.work import JobPool, do_and_store
 from data_prep.failures import BadInput
@@ -120,9 +129,9 @@ def run(
 ) -> RunResult[Outputs]:
     """Carry out a run, or what is left of it, for as long as its budget allows.
 
-    What a run in the folder has beyond the request is kept and goes on. Where the budget or Ctrl-C
-    ends it, it is a run of the objects that are complete, unless the folder has outputs of more;
-    the same options go on with the others.
+    A run of the same request in the folder goes on, see `bench.running.folder`. Where the budget or
+    Ctrl-C ends it, it is a run of the objects that are complete, unless the folder has outputs of
+    more; the same options go on with the others.
 
     `publish` makes the outputs of a folder which is still locked; the run counts as finished after
     it. `watch` gives the reporter of progress, `make_budget` makes the budget from `--budget`, in
@@ -130,19 +139,21 @@ def run(
     no object is complete; what was done until then is kept.
     """
     begun, budget, directory = time.perf_counter(), make_budget(options.budget), options.directory
-    protocol = Protocol.from_options(options)
+    protocol, held = _protocol_and_held(options)
     planned = plan(protocol)  # refuses weights that cannot be used
     with executors_for(protocol, options) as (start, workers, cluster):
         budget.guess_s = guess_s(planned.jobs_per_object, workers)
         _refuse_start(options, planned, budget)
-        manifest = protocol.to_manifest(workers, cluster)
+        request = stated_request(options, protocol, held)
+        objects = planned_objects(options, protocol, held)
+        manifest = protocol.to_manifest(request, objects, workers, cluster)
 
         def check() -> None:
-            if check_directory(directory, manifest) != protocol.before:
+            if check_directory(directory, manifest) != held.manifest:
                 raise BadInput(f"{directory}: another run has changed it just now; run again")
 
         with _open_checked(directory, check, options.fresh) as store:
-            if not protocol.shown:
+            if not held.tabled:
                 write_manifest(directory, manifest)
             store.environment = started_environment(manifest)
             order = seeded_turns(planned.names, protocol.seed)
@@ -157,14 +168,14 @@ def run(
 
             with timed("jobs", seconds):
                 jobs = do_and_store(schedule.jobs(), schedule.left, store, start, schedule.left_s)
-                interrupted = _do_jobs(jobs, schedule, snapshot, watch)
+                interrupted = _do_jobs(jobs, schedule, held.tabled, snapshot, watch)
             _refuse_nothing(schedule, budget, interrupted)
-            outputs, keeps_tables = None, not protocol.shown <= schedule.complete.keys()
+            outputs, keeps_tables = None, not held.tabled <= schedule.complete.keys()
             if not keeps_tables:
                 manifest = snapshot().manifest
                 write_manifest(directory, manifest)  # the tables are of these objects
-                objects = map(planned.jobs_of, manifest["objects"])
-                store.list_jobs((job.key, job.name) for obj in objects for job in obj.listed)
+                complete = map(planned.jobs_of, manifest["objects"])
+                store.list_jobs((job.key, job.name) for obj in complete for job in obj.listed)
                 manifest[ENVIRONMENTS] = environments_entry(store.environments())
                 write_export(directory, store, seconds)
                 outputs = publish(directory, seconds)
@@ -186,6 +197,13 @@ def run(
         seconds=seconds,
         shares=of_workers,
     )
+
+
+def _protocol_and_held(options: Options, fetches: bool = True) -> tuple[Protocol, HeldRun]:
+    """Return the protocol of a run, and the run that its folder holds."""
+    asked = Protocol.from_options(options, fetches=fetches)
+    held = HeldRun() if options.fresh else read_held(options.directory, asked)
+    return protocol_in_folder(asked, held, options), held
 
 
 def _tell_environments(directory: Path, schedule: Schedule, here: Mapping[str, str]) -> None:
@@ -264,13 +282,17 @@ def _refuse_nothing(schedule: Schedule, budget: Budget, interrupted: bool) -> No
 def _do_jobs(
     jobs: Generator[Any, None, None],
     schedule: Schedule,
+    tabled: Collection[str],
     snapshot: Callable[[], PartialRun],
     watch: _Watch,
 ) -> bool:
-    """Do the jobs that are left; return whether Ctrl-C came when an object was complete."""
+    """Do the jobs that are left; return whether Ctrl-C came when an object was complete.
+
+    Progress has no tables before all objects that the folder's tables have are complete.
+    """
     if not schedule.left:
         return False
-    title, shown = schedule.plan.protocol.suite.id, schedule.plan.protocol.shown
+    title = schedule.plan.protocol.suite.id
     if reused := schedule.total - schedule.left:
         log(f"{title}: {reused} jobs are there from before")
     try:
@@ -280,7 +302,7 @@ def _do_jobs(
                 complete = schedule.take(result)
                 # With a ground truth all jobs of its object fail.
                 reporter.on_jobs_done(before - schedule.left, schedule.failures)
-                if complete and schedule.scored and shown <= schedule.complete.keys():
+                if complete and schedule.scored and schedule.complete.keys() >= {*tabled}:
                     reporter.on_object_done(snapshot)
     except KeyboardInterrupt:
         if not schedule.scored:
@@ -303,9 +325,10 @@ def open_run(directory: Path, manifest: dict[str, Any], fresh: bool = False) -> 
         for kind in ("methods", "conditions", "objects", "pairs", "triples"):
             names = manifest.get(kind, ())
             if lacking := [name for name in before.get(kind, ()) if name not in names]:
+                noun = kind if len(lacking) > 1 else kind.removesuffix("s")
                 raise BadInput(
-                    f"{directory}: holds a run with {counted(len(lacking), kind)}, {lacking[0]} "
-                    "among them; give a new --out"
+                    f"{directory}: holds a run with {len(lacking)} more {noun}, {lacking[0]} among "
+                    "them; give a new --out"
                 )
 
     with _open_checked(directory, check, fresh) as store:
@@ -390,7 +413,7 @@ class RunStatus:
 def run_status(options: Options) -> RunStatus:
     """Return what `bench run` would do; nothing is written. Raises BadInput as `run`."""
     directory = options.directory
-    protocol = Protocol.from_options(options, fetches=False)
+    protocol, _ = _protocol_and_held(options, fetches=False)
     workers, planned = workers_of(protocol.suite, options), plan(protocol)
     first = Counter(job.method for job in planned[0].jobs)
     left, stored_b = {method: jobs * len(planned) for method, jobs in first.items()}, 0

@@ -15,7 +15,7 @@ from bench.records.store import Store
 from bench.report.figure import FIGURES, save
 from bench.running.environment import environment_changes, environment_of
 from bench.running.options import Options, refuse, refuse_values
-from bench.running.protocol import joined, manifest_of, methods_there, tell_kept
+from bench.running.protocol import manifest_of
 from bench.running.run import open_run
 from bench.tables.table import Table, write_tables
 from data_prep.progress import log
@@ -49,7 +49,17 @@ def suite_manifest(
     """
     methods = options.methods or ()
     entries = {"objectives": objectives(map(find_method, methods))} | entries
-    return manifest_of(options, suite.id, views, environment, methods=list(methods), **entries)
+    return manifest_of(
+        request=options.request,
+        environment=environment,
+        suite=suite.id,
+        dataset=options.dataset,
+        views=views,
+        seed=options.seed or 0,
+        device=options.device,
+        methods=list(methods),
+        **entries,
+    )
 
 
 def run_suite(
@@ -85,8 +95,6 @@ def run_suite(
 def methods_of(options: Options, suite: Procedure, **meaningless: str) -> tuple[str, ...]:
     """Return the methods of a run, each once, in the order of the request or else of the suite.
 
-    An earlier run in the folder keeps its methods.
-
     meaningless  options that this suite does not take, and why
 
     Raises BadInput for a meaningless option, for counts out of their range, for a missing GPU and
@@ -105,12 +113,4 @@ def methods_of(options: Options, suite: Procedure, **meaningless: str) -> tuple[
     methods = tuple(dict.fromkeys(options.methods or suite.methods))
     for method in methods:
         find_method(method)
-    directory = options.directory
-    if options.fresh or not (directory / MANIFEST).is_file():
-        return methods
-    before = read_manifest(directory)
-    if before["suite"] != suite.id:  # which is refused before anything is written
-        return methods
-    beside = methods_there(directory, options.device, before, methods)
-    tell_kept(directory, {"methods": len(beside)})
-    return joined(methods, before["methods"], suite.methods)
+    return methods

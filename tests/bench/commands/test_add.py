@@ -59,11 +59,11 @@ def test_the_options_are_those_of_the_run(tmp_path):
     assert (options.suite, options.dataset, options.device) == tuple(request.values())[:3]
     assert (options.truth, options.views, options.limit, options.workers) == ("grey", 3, 2, 2)
     assert options.directory == tmp_path
-    assert options.same_objects
+    assert options.adds
     elsewhere = on_dataset(options, "procedural:validation", None, None)
     kept = ("splat", "true-mesh", "blank", "mine:METHOD")
     assert (elsewhere.dataset, elsewhere.methods) == ("procedural:validation", kept)
-    assert (elsewhere.out, elsewhere.same_objects, elsewhere.limit, elsewhere.views) == (
+    assert (elsewhere.out, elsewhere.adds, elsewhere.limit, elsewhere.views) == (
         *(tmp_path.with_name(f"{tmp_path.name}-procedural-validation"), False, 2, 3),
     )
     assert on_dataset(options, "procedural", 9, Path("own")).limit == 9

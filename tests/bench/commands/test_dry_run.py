@@ -95,7 +95,7 @@ def test_jobs_of_an_object_that_cannot_be_drawn_are_done(tmp_path, no_machine):
     protocol = Protocol.from_options(options)
     with open_folder(tmp_path) as store:
         store.append(failed(plan(protocol)[1].truth, "input: no such shape"))
-    write_manifest(tmp_path, protocol.to_manifest(1))
+    write_manifest(tmp_path, protocol.to_manifest({}, 3, 1))
     assert run_status(options).left == {GROUND_TRUTH: 2, "blank": 2}
 
 

@@ -279,7 +279,7 @@ CASES: dict[str, str] = {
     "add splat gone": "gone: no such folder; give a run's folder",
     "add splat unfinished": "the run is not finished; start it again with its command",
     "add splat of-stability": "a run of the suite stability; use 'bench run --suite stability "
-    "--methods splat --out of-stability'",
+    "--methods splat,true-mesh,blank --out of-stability'",
     "add splat others --dataset nowhere": "unknown dataset 'nowhere': there are procedural, ",
     "add splat others --dataset folder:gone": "gone: no such folder; give the fold",
     "add splat others --limit 3": "--limit: the objects are those of others; give --datase",

@@ -201,8 +201,9 @@ def test_a_run_of_two_trees_has_a_row_of_each(
     assert "discs; entered by images, drawn elsewhere on a processor, its times are claimed" in page
     assert "&lt;b&gt;cars&lt;/b&gt;" in page
     assert "<b>cars" not in page
-    # Without the trees everything can be read, and a narrower run keeps its methods with them.
-    status, _, err = command(*run, "--methods", "splat")
+    # Without the trees everything can be read, and `bench add` keeps the methods with them.
+    adding = ("add", "splat", "out", "--workers", 1)
+    status, _, err = command(*adding)
     assert (status, "0 jobs done, 16 from before" in err) == (0, True), err
     assert json.loads(Path("out/manifest.json").read_text())["methods"] == manifest["methods"]
     repeated = read_config(Path("out/manifest.json"))["methods"]
@@ -214,7 +215,7 @@ def test_a_run_of_two_trees_has_a_row_of_each(
     assert index.count("<small>claimed</small>") == 2  # costs of both
     assert "&lt;b&gt;cars&lt;/b&gt;" in index
     assert command("compare", "out", "--methods", "our-splat,second-splat")[0] == 0
-    status, _, err = command(*run, "--methods", "splat")
+    status, _, err = command(*adding)
     assert status == 2
     assert "its run cannot be kept here: " in err
 

@@ -117,7 +117,7 @@ def test_the_manifest_has_the_keys_of_conditions_of_packages_alone(package, no_m
         (("2048",), None),
     ):
         protocol = Protocol.from_options(replace(options, conditions=conditions))
-        assert protocol.to_manifest(1).get(CONDITION_IDENTITIES) == entry
+        assert protocol.to_manifest({}, 1, 1).get(CONDITION_IDENTITIES) == entry
 
 
 def test_an_export_has_it_and_names_one_that_breaks(package, no_machine, tmp_path):

@@ -74,7 +74,8 @@ def test_an_emptied_store_is_not_filled_again_without_a_word(stored, command):
     with closing(sqlite3.connect(stored / STORE)) as database, database:
         database.execute("DELETE FROM job")
     request = read_manifest(stored)["request"]
-    names = ("--methods", ",".join(request["methods"]), "--limit", "2", "--views", "2")
+    names = [f"--{kind}={','.join(request[kind])}" for kind in ("methods", "conditions")]
+    names += ["--limit", "2", "--views", "2"]
     command_line = ("run", "--suite", request["suite"], *names, "--out", stored, "--dry-run")
     status, _, err = command(*command_line)
     assert status == 0

@@ -1,8 +1,10 @@
-"""A run folder only grows: what is asked for is joined with what is there."""
+"""A folder holds one request: what goes on, the two ways in which it grows, what is refused."""
 
 from __future__ import annotations
 
+import sqlite3
 import sys
+from contextlib import closing
 from dataclasses import replace
 from pathlib import Path
 
@@ -16,11 +18,11 @@ from bench.commands.publish import publish, run_suite
 from bench.commands.terminal import Terminal
 from bench.records.frames import read_records
 from bench.records.run_folder import open_folder, read_manifest, write_manifest
+from bench.records.store import STORE
+from bench.running.folder import protocol_in_folder, read_held
 from bench.running.options import Options
-from bench.running.protocol import Protocol, joined
+from bench.running.protocol import Protocol
 from bench.running.run import executors_for, open_run, run
-from bench.suites.procedure import methods_of
-from bench.suites.stability.run import STABILITY
 from data_prep.failures import BadInput
 
 from ..builders import file_bytes, finished_options, make_manifest, stored_keys, watched
@@ -37,34 +39,63 @@ def outputs(directory: Path) -> list[dict[str, bytes]]:
 
 
 def asked(out: Path, **changes):
-    """The protocol of a command of no machine, with what its folder has."""
+    """The protocol of a command of no machine, in its folder."""
     options = Options("chair-robustness", out=out, **{"limit": 1, "views": 2} | changes)
-    return Protocol.from_options(options)
+    protocol = Protocol.from_options(options, dict)
+    return protocol_in_folder(protocol, read_held(out, protocol), options)
 
 
-def test_asking_for_less_computes_nothing_and_removes_nothing(
-    finished, copied, same_machine, tiny_weights, capsys
+OF_RUN = {"methods": ("splat", "true-mesh", "blank"), "conditions": ("2048", "512"), "limit": 2}
+APART = "give --out for a run of its own, or --fresh to start over"
+
+
+@pytest.mark.parametrize("finished", [None, "2026-01-01T00:00:00+00:00"])
+@pytest.mark.parametrize(
+    ("changes", "message"),
+    [
+        (
+            {"methods": ("splat",)},
+            f"holds a run of other methods, with true-mesh; name all with --methods, {APART}",
+        ),
+        (
+            {"methods": ("splat", "constant", "alpha-wrap")},
+            "holds a run of other methods, without constant, alpha-wrap and with true-mesh; name "
+            f"all with --methods, {APART}",
+        ),
+        (
+            {"methods": ("splat", "true-mesh", "constant")},
+            "holds a run of other methods, without constant; 'bench add constant {folder}' adds "
+            f"one, or {APART}",
+        ),
+        (
+            {"conditions": ("2048",)},
+            f"holds a run of other conditions, with 512; name all with --conditions, {APART}",
+        ),
+        (
+            {"conditions": ("2048", "512", "1024")},
+            f"holds a run of other conditions, without 1024; name all with --conditions, {APART}",
+        ),
+        (
+            {"limit": 1},
+            f"holds a run of 2 objects, not 1; give its --limit again or a larger one, {APART}",
+        ),
+        (
+            {"views": 3},
+            "holds a run of views 2, not 3; give another --out, or --fresh to start over",
+        ),
+    ],
+)
+def test_another_request_is_refused_with_what_differs_and_nothing_changes(
+    tmp_path, no_machine, finished, changes, message
 ):
-    less = {"methods": ("splat",), "conditions": ("2048",), "limit": 1}
-    before, manifest = stored_keys(copied), read_manifest(copied)
-    done = run_suite(finished_options(tiny_weights, copied, **less))
-    assert (done.done, done.reused, done.failed, done.objects) == (0, 21, 0, 3)
-    assert outputs(copied) == outputs(finished[0])
-    assert (copied / "records.parquet").read_bytes() == (
-        finished[0] / "records.parquet"
-    ).read_bytes()
-    assert stored_keys(copied) == before
-    after = read_manifest(copied)
-    for name in ("methods", "conditions", "objects", "request"):
-        assert after[name] == manifest[name]
-    assert after["request"]["methods"] == manifest["methods"]
-    assert after["request"]["limit"] == 3
-    # blank is always measured, so that it does not count as more
-    line = (
-        f"{copied}: keeps 2 more methods, 1 more condition, 2 more objects of the run there; "
-        "give --out for a run of its own, or --fresh to start over\n"
-    )
-    assert capsys.readouterr().err.count(line) == 1
+    objects = ["chair/test-0000", "chair/test-0001"]
+    there = {"objects": objects, "planned": 2, "finished": finished}
+    write_manifest(tmp_path, make_manifest(device="auto", conditions=["2048", "512"], **there))
+    before = every_file(tmp_path)
+    with pytest.raises(BadInput) as refused:
+        run_suite(Options("chair-robustness", out=tmp_path, **{"views": 2} | OF_RUN | changes))
+    assert str(refused.value) == f"{tmp_path}: {message.format(folder=tmp_path)}"
+    assert every_file(tmp_path) == before
 
 
 class Stopped(Terminal):
@@ -86,7 +117,7 @@ def test_an_extension_that_is_stopped_leaves_the_outputs_and_goes_on(
 ):
     """With a further method: one of three objects is complete when Ctrl-C comes."""
     manifest, seen = read_manifest(copied), []
-    options = finished_options(tiny_weights, copied, methods=("constant",))
+    options = options_of(copied, ["constant"], workers=1)
     stopped = run(options, publish, **watched(Stopped, 1, copied, seen))
     assert (stopped.interrupted, stopped.outputs) == (True, None)
     assert (stopped.objects, stopped.planned, stopped.done) == (1, 3, 1)
@@ -97,9 +128,7 @@ def test_an_extension_that_is_stopped_leaves_the_outputs_and_goes_on(
     again = run_suite(options)
     assert (again.objects, again.done, again.reused) == (3, 2, 22)
     wide = read_manifest(copied)
-    # Neither has all: in the order of the suite, and then the others.
-    others = ["splat", f"pc2pix@{tiny_weights}"]
-    assert wide["methods"] == ["true-mesh", "constant", "blank", *others]
+    assert wide["methods"] == [*manifest["methods"], "constant"]
     assert wide["request"]["methods"] == wide["methods"]
     assert (wide["objects"], wide["conditions"]) == (manifest["objects"], manifest["conditions"])
     old, new = (set((d / TABLE).read_text().splitlines()) for d in (finished[0], copied))
@@ -115,69 +144,46 @@ def test_an_extension_that_is_stopped_leaves_the_outputs_and_goes_on(
         ({"objects": ["chair/gone"]}, r"has chair/gone \(1 in all\), which procedural no longer"),
     ],
 )
-def test_what_cannot_be_kept_is_refused_and_nothing_changes(tmp_path, no_machine, changes, message):
+def test_what_cannot_be_kept_is_refused_where_a_method_is_added(
+    tmp_path, no_machine, changes, message
+):
     here = make_manifest(device="auto", objects=["chair/test-0000"]) | changes
     write_manifest(tmp_path, here)
     before = every_file(tmp_path)
     with pytest.raises(BadInput, match=message) as refused:
-        run_suite(Options("chair-robustness", methods=("blank",), limit=1, views=2, out=tmp_path))
-    assert str(refused.value).endswith("or --fresh to start over")
+        asked(tmp_path, methods=("blank",), adds=True)
+    assert str(refused.value).endswith(APART)
     assert "\n" not in str(refused.value)
     assert every_file(tmp_path) == before
 
 
-def test_objects_are_joined_in_the_order_of_the_dataset(tmp_path, no_machine):
+def test_more_objects_are_those_of_the_dataset_and_the_objects_there_are_among_them(
+    tmp_path, no_machine
+):
     """Of a run that was stopped the complete objects need not be the first ones."""
     some = ["chair/test-0000", "chair/test-0003"]
-    write_manifest(tmp_path, make_manifest(device="auto", objects=some, planned=5))
-    wide = asked(tmp_path, methods=("splat",), limit=2)
-    assert wide.names == ["chair/test-0000", "chair/test-0001", "chair/test-0003"]
-    assert wide.shown == {*some}
-    assert tuple(wide.methods) == ("splat", "true-mesh", "blank")
-    assert wide.conditions == ("2048", "1024", "512", "noise-0.05", "noise-0.10")
+    conditions = list(OF_RUN["conditions"])
+    there = make_manifest(device="auto", objects=some, planned=5, conditions=conditions)
+    write_manifest(tmp_path, there)
+    wide = asked(tmp_path, **OF_RUN | {"limit": 6})
+    assert wide.names == [f"chair/test-000{i}" for i in range(6)]
+    write_manifest(tmp_path, there | {"objects": ["chair/gone"]})
+    with pytest.raises(BadInput, match=r"has chair/gone \(1 in all\), which procedural no longer"):
+        asked(tmp_path, **OF_RUN | {"limit": 6})
 
 
-def test_of_a_run_that_was_killed_before_it_had_tables_nothing_is_kept(tmp_path, no_machine):
-    write_manifest(tmp_path, make_manifest(device="auto", finished=None))
-    protocol = asked(tmp_path, methods=("splat",))
-    assert (tuple(protocol.methods), len(protocol.objects)) == (("splat", "blank"), 1)
-    assert protocol.shown == frozenset()
+def test_equal_protocols_are_equal_whatever_their_folder_holds(tmp_path, no_machine):
+    write_manifest(tmp_path, make_manifest(device="auto", objects=["chair/test-0000"]))
+    same = {"methods": ("splat", "true-mesh", "blank")}
+    assert asked(tmp_path, **same) == asked(tmp_path / "new", **same)
 
 
-def test_a_run_that_was_killed_while_its_tables_were_made_is_kept(
+def test_a_run_that_was_killed_while_its_tables_were_made_keeps_them(
     copied, same_machine, tiny_weights
 ):
     write_manifest(copied, read_manifest(copied) | {"finished": None})
-    options = finished_options(tiny_weights, copied, methods=("splat",), limit=1)
-    wide = Protocol.from_options(options)
-    assert wide.shown == {f"chair/test-000{i}" for i in range(3)}
-    assert (len(wide.methods), len(wide.objects)) == (4, 3)
-
-
-def test_suites_of_their_own_keep_their_methods(tmp_path, capsys):
-    options = Options("stability", methods=("splat",), out=tmp_path)
-    assert methods_of(options, STABILITY) == ("splat",)
-    write_manifest(tmp_path, make_manifest(suite="stability", methods=["pc2pix", "splat"]))
-    assert methods_of(options, STABILITY) == ("pc2pix", "splat")
-    assert "keeps 1 more method of the run there; give --out" in capsys.readouterr().err
-    assert methods_of(replace(options, fresh=True), STABILITY) == ("splat",)
-    write_manifest(tmp_path, make_manifest(suite="stability", methods=["my-plug-in"]))
-    with pytest.raises(BadInput, match="cannot be kept here: unknown method 'my-plug-in'; install"):
-        methods_of(options, STABILITY)
-
-
-@pytest.mark.parametrize(
-    ("asked", "kept", "both"),
-    [
-        ("ca", "", "ca"),
-        ("ca", "a", "ca"),
-        ("a", "xca", "xca"),
-        ("a", "xc", "acx"),
-        ("ay", "cx", "acxy"),
-    ],
-)
-def test_order_of_what_is_joined(asked, kept, both):
-    assert joined(tuple(asked), tuple(kept), "abc") == tuple(both)
+    protocol = Protocol.from_options(finished_options(tiny_weights, copied))
+    assert read_held(copied, protocol).tabled == {f"chair/test-000{i}" for i in range(3)}
 
 
 def test_a_suite_with_a_procedure_of_its_own_does_not_narrow_a_run(tmp_path):
@@ -236,7 +242,7 @@ def test_a_method_of_a_module_stays_where_no_command_names_it(
     """Its jobs are known by the identity in the manifest: its file may even be gone."""
     name = "grey_module:Grey"
     allow_modules([name])
-    added = measure(finished_options(tiny_weights, copied, methods=(name,)))
+    added = measure(options_of(copied, [name], workers=1))
     assert (added.done, added.reused, added.failed) == (6, 21, 0)
     records = read_records(copied)
     drawn = records[records["method"] == name]
@@ -248,14 +254,17 @@ def test_a_method_of_a_module_stays_where_no_command_names_it(
     monkeypatch.setenv(ALLOWED, "")
     text = grey_module.read_text()
     grey_module.unlink()
-    again = measure(finished_options(tiny_weights, copied))
+    again = measure(options_of(copied, ["splat"], workers=1))
     assert (again.done, again.reused) == (0, 27)
     assert read_records(copied).equals(records)
     assert read_manifest(copied)["identities"] == manifest["identities"]
+    with open_folder(copied) as store:
+        lost = next(job.key for job in store.listed() if job.name.method == name)
+    with closing(sqlite3.connect(copied / STORE)) as database, database:
+        database.execute("DELETE FROM job WHERE key = ?", [lost])
     before = every_file(copied)
-    wider = finished_options(tiny_weights, copied, limit=4)
     with pytest.raises(BadInput, match=f"{name} has jobs left, and its module is executed only"):
-        measure(wider)
+        measure(options_of(copied, ["splat"], workers=1))
     assert every_file(copied) == before
 
     # After an edit its work is another.
@@ -263,7 +272,7 @@ def test_a_method_of_a_module_stays_where_no_command_names_it(
     for cached in (module_method, source_sha256):
         cached.cache_clear()
     allow_modules([name])
-    edited = measure(finished_options(tiny_weights, copied, methods=(name,)))
+    edited = measure(options_of(copied, [name], workers=1))
     assert (edited.done, edited.reused) == (6, 21)
     assert read_manifest(copied)["identities"] != manifest["identities"]
     other = read_records(copied)
@@ -280,7 +289,7 @@ def test_a_method_whose_weights_were_trained_again_is_measured_anew(
 
     def scores(level):
         np.save("level.npy", np.float32(level))
-        measured = measure(finished_options(tiny_weights, copied, methods=(name,)))
+        measured = measure(options_of(copied, [name], workers=1))
         records = read_records(copied, method=name)
         return (measured.done, measured.reused), records["ssim"].to_numpy()
 
@@ -335,7 +344,6 @@ def test_a_method_is_added_on_the_objects_that_a_stopped_run_has(copied, same_ma
     assert (after["objects"], after["planned"], after["request"]["limit"]) == (some, 3, 3)
     assert set(after["methods"]) == {*manifest["methods"], "constant"}
     errors = capsys.readouterr().err
-    assert "keeps" not in errors
     changed = ", ".join(["numpy", *(k for k in manifest["environment"] if k != "numpy")])
     assert f"{copied}: was made with another {changed}; all its jobs are done again" in errors
 

@@ -1,0 +1,203 @@
+"""The run that a folder holds, and whether a request belongs to it.
+
+A folder holds one request. The same command goes on with it, and it grows in two ways: by more
+objects (a larger `--limit`) and by more methods (`bench add`). Its manifest and tables stay those
+of before until a run that grows has all their objects; so a run that is stopped, or killed, leaves
+them as they were.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass, field, replace
+from pathlib import Path
+from typing import Any
+
+from bench.catalogue.conditions import find_condition
+from bench.catalogue.images import address_of
+from bench.catalogue.method import is_module_name
+from bench.catalogue.methods import Method, find_method, find_run_method
+from bench.records.run_folder import check_directory
+from bench.records.store import STORE, open_store
+from bench.running.options import REPEATED, Options
+from bench.running.protocol import (
+    Protocol,
+    find_objects,
+    method_identity,
+    name_of,
+    objects_to_search,
+)
+from data_prep.datasets.registry import open_dataset
+from data_prep.failures import BadInput
+from data_prep.progress import log
+
+APART = "give --out for a run of its own, or --fresh to start over"
+NOT_LOADED = "of a module that this command does not name"  # source of such a method
+
+
+@dataclass(frozen=True)
+class HeldRun:
+    """The run that a folder holds before this one begins; empty where it holds none."""
+
+    manifest: Mapping[str, Any] = field(default_factory=dict)
+    tabled: frozenset[str] = frozenset()  # the objects ("class/name") of the tables there
+
+
+def read_held(directory: Path, asked: Protocol) -> HeldRun:
+    """Return the run in a folder. Raises BadInput for a folder with something else.
+
+    Lines on stderr say why its finished jobs are done again. Nothing is written.
+    """
+    manifest = check_directory(directory, asked.fixed)
+    if not manifest:
+        return HeldRun()
+    with open_store(directory) as store:
+        if not manifest.get("finished") and next(store.listed(), None) is None:
+            return HeldRun(manifest)  # it was stopped before it had tables
+        is_emptied = store.is_empty
+    was = {**manifest["environment"], **manifest["feature_identity"]}
+    now = {**asked.environment, **asked.feature_identity}
+    if changed := [name for name in {**was, **now} if was.get(name) != now.get(name)]:
+        log(f"{directory}: was made with another {', '.join(changed)}; all its jobs are done again")
+    if is_emptied:
+        log(f"{directory}: {STORE} has none of its finished jobs any more; all are done again")
+    return HeldRun(manifest, frozenset(manifest["objects"]))
+
+
+def protocol_in_folder(asked: Protocol, held: HeldRun, options: Options) -> Protocol:
+    """Return the protocol of a run in its folder: as asked, or for `bench add` with what is there.
+
+    Raises BadInput where the folder holds another request, with what differs, and for `bench add`
+    where a part of the run there is not known here.
+    """
+    if not held.manifest:
+        return asked
+    if options.adds:
+        return _with_added(asked, held, options.directory)
+    _refuse_other_names(asked, held, options.directory)
+    _refuse_other_objects(asked, held, options.directory)
+    return asked
+
+
+def stated_request(options: Options, protocol: Protocol, held: HeldRun) -> dict[str, Any]:
+    """Return the options that repeat a run, also those that were left to defaults."""
+    if options.adds:
+        limit = held.manifest["request"].get("limit")
+    else:
+        classes = [obj.class_name for obj in protocol.objects]
+        limit = max(map(classes.count, {*classes}))
+    stated = {
+        **options.request,
+        "methods": [method.address for method in protocol.methods.values()],
+        "conditions": list(protocol.conditions),
+        "views": protocol.views,
+        "seed": protocol.seed,
+        "limit": limit,
+    }
+    return {name: stated[name] for name in REPEATED if stated.get(name) is not None}
+
+
+def planned_objects(options: Options, protocol: Protocol, held: HeldRun) -> int:
+    """Return how many objects the run is to have: a stopped run keeps its number in `bench add`."""
+    return held.manifest["planned"] if options.adds else len(protocol.objects)
+
+
+def _refuse_other_names(asked: Protocol, held: HeldRun, directory: Path) -> None:
+    """Refuse other methods and conditions than those of the run in the folder."""
+    for kind, here in (("methods", asked.methods), ("conditions", asked.conditions)):
+        there = held.manifest[kind]
+        lacking = [name for name in there if name not in here]
+        further = [name for name in here if name not in there]
+        if not lacking and not further:
+            continue
+        differing = [f"without {', '.join(further)}"] if further else []
+        differing += [f"with {', '.join(lacking)}"] if lacking else []
+        remedy = f"name all with --{kind}, {APART}"
+        if kind == "methods" and not lacking:
+            remedy = f"'bench add {further[0]} {directory}' adds one, or {APART}"
+        raise BadInput(
+            f"{directory}: holds a run of other {kind}, {' and '.join(differing)}; {remedy}"
+        )
+
+
+def _refuse_other_objects(asked: Protocol, held: HeldRun, directory: Path) -> None:
+    """Refuse fewer objects than those of the run in the folder, and others."""
+    planned, names = held.manifest["planned"], {*asked.names}
+    lacking = [name for name in held.manifest["objects"] if name not in names]
+    if len(names) < planned:
+        raise BadInput(
+            f"{directory}: holds a run of {planned} objects, not {len(names)}; give its --limit "
+            f"again or a larger one, {APART}"
+        )
+    if lacking:
+        raise BadInput(
+            f"{directory}: the run there has {lacking[0]} ({len(lacking)} in all), which "
+            f"{asked.dataset} no longer has, or not among its first {len(names)}; {APART}"
+        )
+
+
+def _with_added(asked: Protocol, held: HeldRun, directory: Path) -> Protocol:
+    """Return the protocol of the run in a folder with the methods that are asked for."""
+    there = _methods_there(directory, asked, held.manifest)
+    order = dict.fromkeys((*held.manifest["methods"], *asked.methods))
+    methods = {**there, **asked.methods}
+    return replace(
+        asked,
+        methods={name: methods[name] for name in order},
+        conditions=tuple(held.manifest["conditions"]),
+        objects=_objects_there(directory, asked, held.manifest),
+    )
+
+
+def _objects_there(directory: Path, asked: Protocol, manifest: Mapping[str, Any]) -> Sequence[Any]:
+    """Return the objects of the run in a folder, as the dataset orders them; refuse lost ones."""
+    wanted = {*manifest["objects"]}
+    dataset = open_dataset(asked.dataset)
+    objects = find_objects(asked.suite, dataset, wanted, objects_to_search(manifest))
+    if lost := sorted(wanted - {*map(name_of, objects)}):
+        raise BadInput(
+            f"{directory}: the run there has {lost[0]} ({len(lost)} in all), which {asked.dataset} "
+            f"no longer has; bring it back, {APART}"
+        )
+    return objects
+
+
+def _methods_there(
+    directory: Path, asked: Protocol, manifest: Mapping[str, Any]
+) -> dict[str, Method]:
+    """Return the methods of the run in a folder beside those that are asked for, by id.
+
+    A method MODULE:NAME is known by its identity alone: its finished jobs stay, and nothing is
+    executed because a manifest names it. What is not known or cannot be used here is refused.
+    """
+    methods: dict[str, Method] = {}
+    try:
+        for name in manifest["methods"]:
+            if name in asked.methods:
+                continue
+            if is_module_name(name) and name in manifest["identities"]:
+                methods[name] = _known_by_identity(name, manifest["identities"][name])
+                continue
+            methods[name] = find_run_method(address_of(manifest, name))
+            method_identity(methods[name], asked.device)  # refuses weights that cannot be used
+        for condition in manifest["conditions"]:
+            find_condition(condition)
+    except BadInput as error:
+        # The list of all known names would hide the remedy.
+        reason = str(error).partition(": ")[0] if str(error).startswith("unknown") else str(error)
+        raise BadInput(
+            f"{directory}: its run cannot be kept here: {reason}; install what is missing, {APART}"
+        ) from error
+    return methods
+
+
+def _known_by_identity(name: str, identity: Sequence[Any]) -> Method:
+    """Return a method MODULE:NAME by its entry in a manifest, without executing its module."""
+    version, text, _ = identity
+    return Method(
+        name,
+        load=lambda device: find_method(name).load(device),  # which refuses it
+        identity=lambda: str(text),
+        version=int(version),
+        source=NOT_LOADED,
+    )
