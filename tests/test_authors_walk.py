@@ -90,7 +90,7 @@ def test_the_commands_for_agents_run(tmp_path, monkeypatch):
     Path("examples").mkdir()
     shutil.copy(REPOSITORY / "examples" / "chair.ply", "examples")
     printed = walk([line for line in lines if line not in walked[1:]], monkeypatch)
-    assert list(printed) == ["run", "table", "compare", "recommend", "report", "render"]
+    assert list(printed) == ["run", "table", "compare", "report", "render"]
     assert printed["report"] == "base/report.html\n"
     for name in ("tables", "records.parquet", "report.html", "manifest.json", "run.sqlite"):
         assert f"base/{name}" in text

@@ -1,1 +1,1 @@
-"""Statistics over records: intervals, paired comparison, frontier, sweeps, recommendation."""
+"""Statistics over records: intervals, paired comparison, frontier, sweeps."""

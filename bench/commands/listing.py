@@ -213,7 +213,7 @@ def _metrics(names: Sequence[str]) -> _Section:
         ("", id_, "", _of_package("metric", id_, "; see 'bench score'"))
         for id_ in announced("metric")
     ]
-    notes = ("* of the headline table, 'bench compare' and 'bench recommend'",)
+    notes = ("* of the headline table and 'bench compare'",)
     return ("", "better", ""), _by_kind(rows, _METRIC_KINDS, ROBUSTNESS.headline), notes
 
 

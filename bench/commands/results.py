@@ -1,33 +1,20 @@
-"""The commands on finished runs: table, report, compare, recommend."""
+"""The commands on finished runs: table, report, compare."""
 
 from __future__ import annotations
 
 import sys
-from collections.abc import Iterator, Mapping, Sequence
+from collections.abc import Sequence
 from contextlib import nullcontext
 from enum import StrEnum
 from pathlib import Path
-from typing import Annotated, Any
+from typing import Annotated
 
 import pandas as pd
 import typer
 
 from bench.analysis import intervals
-from bench.analysis.comparison import milliseconds
-from bench.analysis.paired import undecided, verdicts_of
-from bench.analysis.recommend import (
-    ALTERNATIVES,
-    BEST,
-    NEXT,
-    NO_BEST,
-    SSIM,
-    Requirements,
-    at_condition,
-)
-from bench.analysis.recommend import recommend as best_methods
-from bench.analysis.scored_run import Run, read_run
-from bench.catalogue.metrics import declared_metric
-from bench.catalogue.suites import TRUTHS
+from bench.analysis.paired import undecided
+from bench.analysis.scored_run import read_run
 from bench.commands.options import (
     Format,
     FormatOption,
@@ -38,11 +25,9 @@ from bench.commands.options import (
 )
 from bench.records.run_folder import locked_run
 from bench.running.options import file_name
-from bench.tables.build import how_timed
-from bench.tables.grid import FEWER, MOVED, Cell, measured, number, records
+from bench.tables.grid import records
 from bench.tables.markdown import visible
-from bench.tables.terminal import laid_out, line_width, terminal_width
-from bench.tables.terminal import table as terminal_table
+from bench.tables.terminal import terminal_width
 from data_prep.datasets.dataset import listed
 from data_prep.failures import BadInput, CannotWrite
 
@@ -225,124 +210,3 @@ def _not_decided(cells: pd.DataFrame, directories: Sequence[Path]) -> str:
         f"--fail-on: {len(left)} of {len(cells)} cells are not decided, as they have fewer than "
         f"{intervals.FEWEST} objects with a value: {listed(named)}"
     )
-
-
-def recommend(
-    directory: RunDirectory,
-    budget_ms: Annotated[
-        float | None,
-        typer.Option(help="Milliseconds for a cloud with all its images. Default: no limit."),
-    ] = None,
-    views: Annotated[
-        int | None, typer.Option(help="Images of a cloud. Default: as many as in the run.")
-    ] = None,
-    condition: Annotated[
-        str | None, typer.Option(help="A condition of the run, in full. Default: all, in short.")
-    ] = None,
-    min_ssim: Annotated[
-        float | None, typer.Option(help="Least SSIM that is good enough, 0 to 1. Default: none.")
-    ] = None,
-    metric: Annotated[
-        str | None,
-        typer.Option(
-            help="Metrics of images that judge within the budget, comma-separated. Default: "
-            "ssim-object, lpips."
-        ),
-    ] = None,
-) -> None:
-    """Recommend a method for a budget, or for a quality. Exit 1 if no method meets it."""
-    run = read_run(directory).with_further(names(metric) or ())
-    manifest = run.manifest
-    request = Requirements(manifest["views"] if views is None else views, budget_ms, min_ssim)
-    metrics = _judging_metrics(run, names(metric))
-    measured = [*metrics, SSIM] if min_ssim is not None and SSIM not in metrics else metrics
-    compared = at_condition(run.compared(measured), condition)
-    choices, met = best_methods(compared, request, metrics, verdicts_of(run, measured))
-    in_full = condition is not None
-    asked = {BEST: in_full or budget_ms is not None, NEXT: in_full, NO_BEST: budget_ms is not None}
-    choices = choices[[asked.get(choice, True) for choice in choices["choice"]]]
-    lines = [f"{how_timed(manifest)} Scores are against {TRUTHS[run.suite.truth]}."]
-    if request.views != manifest["views"]:
-        lines.append(
-            f"Costs of {request.views} view{'s' * (request.views > 1)} are reckoned from the share "
-            "of one; drawn in a call of their own they may differ."
-        )
-    if compared["ci_low"].isna().all():
-        objects = max(map(len, compared["objects"]))
-        lines.append(
-            f"Means alone decide: {intervals.FEWEST} objects of a class are needed to show that a "
-            f"method is ahead of another, or surely good enough, and there are {objects}."
-        )
-    print("\n".join(laid_out([*lines, "", *_choices(choices, compared, request)], line_width())))
-    if not met:
-        raise typer.Exit(1)
-
-
-def _judging_metrics(run: Run, wanted: Sequence[str] | None) -> list[str]:
-    """Return the wanted metrics, else those of the headline that the run has.
-
-    Raises BadInput for a metric that is none of images, or that the run does not have.
-    """
-    further = [metric for metric in wanted or () if declared_metric(metric)]
-    images = [*run.suite.image_metrics, *run.suite.detail_metrics, *further]
-    measured = run.measured(sorted(images, key=lambda metric: metric not in run.suite.headline))
-    for name in wanted or ():
-        if name not in measured:
-            raise BadInput(f"--metric {name}: cannot judge here; there are {', '.join(measured)}")
-    return list(wanted or run.headline or [SSIM])
-
-
-def _choices(choices: pd.DataFrame, compared: pd.DataFrame, request: Requirements) -> list[Any]:
-    """Return the choices as a table, what one has to know beside them, and what marks mean."""
-    where = ["condition", *["class"] * (choices["class"].nunique() > 1)]
-    metrics = compared["metric"].unique()
-    heads = [*where, "choice", "method", *metrics, "ms a cloud", "ms an image"]
-    values = {
-        (row["condition"], row["class"], row["method"], row["metric"]): _text(
-            measured((row["value"], row["ci_low"], row["ci_high"]), row["metric"], row["method"])
-        )
-        for row in records(compared)
-    }
-    lines, remarks = [], []
-    for row in records(choices):
-        cloud = (row["condition"], row["class"], row["method"])
-        cost = row["cost_ms"], row["cost_ci_low"], row["cost_ci_high"]
-        place = [*(row[name] for name in where), f"{row['choice']} by {row['metric']}"]
-        line = [
-            *place,
-            row["method"],
-            *(values.get((*cloud, metric), "-") for metric in metrics),
-            _text(number(cost, milliseconds)),
-            milliseconds(row["cost_ms"] / request.views),
-        ]
-        lines.append(list(map(visible, line)))
-        if remark := "; ".join(_remarks(row, request)):
-            remarks.append(visible(f"{', '.join(place)}: {remark}."))
-    moved = any(MOVED in text for line in (*lines, remarks) for text in line)
-    remarks += [f"{FEWER}."] * moved
-    return [terminal_table(heads, lines, left=len(heads)), *[""] * bool(remarks), *remarks]
-
-
-def _remarks(row: Mapping[str, Any], request: Requirements) -> Iterator[str]:
-    """Yield what one has to know beside the numbers of a choice."""
-    if row["choice"] == NEXT:
-        lead = row["lead"], row["lead_low"], row["lead_high"]
-        yield f"behind by {_text(measured(lead, row['metric'], row['method']))}"
-    for words, methods in (
-        ("not shown to be ahead of", "undecided"),
-        ("no choice, worse than a white image:", "below"),
-    ):
-        if isinstance(row[methods], list) and row[methods]:
-            more = f" and {len(row[methods]) - ALTERNATIVES} more"
-            named = ", ".join(row[methods][:ALTERNATIVES])
-            yield f"{words} {named}{more * (len(row[methods]) > ALTERNATIVES)}"
-    if row["n_ok"] < row["n"]:
-        yield f"{row['n'] - row['n_ok']:.0f} of {row['n']:.0f} images failed"
-    if request.budget_ms is not None and row["cost_ms"] > request.budget_ms:
-        yield "over the budget"
-    elif request.budget_ms is not None and row["cost_ci_high"] > request.budget_ms:
-        yield "the interval of its cost reaches beyond the budget"
-
-
-def _text(cell: Cell) -> str:
-    return cell.text + (" [{}, {}]".format(*cell.interval) if cell.interval else "")

@@ -81,7 +81,6 @@ COMMANDS = (
     ("check", "run", "--again", "0.1"),
     ("compare", "run", "--methods", "splat,blank"),
     ("compare", "run", "other"),
-    ("recommend", "run", "--budget-ms", "1000"),
     ("report", "run"),
     ("score", "run", "--metrics", "ms-ssim"),
     ("add", "splat", "run"),

@@ -131,3 +131,10 @@ def test_a_claimed_cost_has_no_part_in_the_frontier():
     assert made == verdicts(places(comparison(FIELD), 20))
     fewer = thinned(claimed, 20)
     assert fewer.loc[fewer["claimed"], "method"].tolist() == ["entered"]
+
+
+def test_a_method_whose_cost_is_claimed_is_neither_on_the_frontier_nor_a_rival():
+    field = comparison(FIELD | {"entered": (0.1, 0.1, (0.99,) * 4)})
+    claimed = field.assign(claimed=field["method"] == "entered")
+    expected = verdicts(places(comparison(FIELD), 20)) | {"entered": ("claimed", "")}
+    assert verdicts(places(claimed, 20)) == expected

@@ -197,7 +197,6 @@ def test_objects_without_a_value_are_left_out_and_counted(command, two_runs):
             for arguments in (
                 ("compare", "empty", "--methods", "blank,splat"),
                 ("compare", "first", "empty"),
-                ("recommend", "empty", "--budget-ms", "9"),
                 ("table", "empty"),
                 ("report", "empty"),
             )
@@ -301,8 +300,6 @@ def test_what_has_no_object_in_common_is_no_comparison(refused, two_runs):
     both = ("compare", *map(str, two_runs), "--metric", "ssim")
     assert "so nothing is compared" in refused(*both)
     assert not (two_runs[1] / "comparisons").exists()
-    said = refused("recommend", str(two_runs[0]), "--metric", "ssim", "--budget-ms", "50")
-    assert said.startswith("no object of this run has scores")
 
 
 @pytest.mark.parametrize(

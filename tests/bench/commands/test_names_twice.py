@@ -25,8 +25,6 @@ CASES = {
     "compare run --methods splat,splat": "compare run --methods splat",
     "compare run again --methods splat,splat --metric 'lpips, lpips'": "compare run again "
     "--methods splat --metric lpips",
-    "recommend run --budget-ms 9000 --metric lpips,lpips": "recommend run --budget-ms 9000 "
-    "--metric lpips",
     "score run --metrics ms-ssim,ms-ssim": "score run --metrics ms-ssim",
     "check run --golden golden.json --tolerance ssim=0.1,ssim=.1": "check run --golden golden.json "
     "--tolerance ssim=0.1",

@@ -289,12 +289,8 @@ CASES: dict[str, str] = {
     "add splat no-request": "manifest.json: not a manifest (request is None, no object)",
     "compare run --methods splat,true-mesh --metric flip": "run: is not scored by flip; run 'bench "
     "score run --metrics flip' first",
-    "recommend run --budget-ms 9 --metric flip": "run: is not scored by flip; run 'bench score run",
     "compare run --methods splat,true-mesh --metric kd-effnet": "metric 'kd-effnet' went with ",
     "compare run --methods splat,true-mesh --metric unheard-of": "--metric unheard-of: cannot be c",
-    "recommend run": "nothing to go by; give --budget-ms, --min-ssim, or both",
-    "recommend run --budget-ms 9 --metric fd-views": "--metric fd-views: cannot judge here; ",
-    "recommend run --budget-ms 1 --condition 256": "--condition 256: not in this run; ",
     "score run --metrics fid": "run: fid: not measured, not here; start the run again so, which ta",
     "score run --metrics kid": "run: fid: not measured, not here; start the run again so, which ta",
     "score run --metrics cw-ssim": "metric 'cw-ssim' went with version 2.0: use st-lpips, which ",
@@ -406,7 +402,7 @@ AGAIN = "run again with another --out or --fresh"
 OF_OTHER_PROTOCOLS = {  # command lines on what is of protocol N, and the remedy that they say
     **dict.fromkeys(
         (
-            *("table run-N", "report run-N", "report run run-N --out site", "recommend run-N"),
+            *("table run-N", "report run-N", "report run run-N --out site"),
             *("check run-N", "check run-N --bless x.json", "check run-N --again 0.5"),
             *("check run-N --claims", "check run run-N --claims"),
             "check run-N --golden golden-N.json",
@@ -458,7 +454,7 @@ PARTS: dict[str, tuple[str, dict | None, str | None]] = {
 }
 for name, (says, _, _) in PARTS.items():
     CASES |= {f"{command} {name}": says for command in ("table", "check", "report")}
-    CASES[f"recommend {name} --budget-ms 10"] = CASES[f"score {name} --metrics ms-ssim"] = says
+    CASES[f"score {name} --metrics ms-ssim"] = says
     CASES[f"compare {name} --methods splat,blank"] = says
     if name in ("newer", "schema-4-run", "no-protocol", "no-names", "store-1"):
         CASES[f"{ROBUSTNESS} --views 2 --device cpu --out {name}"] = says

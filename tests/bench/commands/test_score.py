@@ -202,7 +202,7 @@ DARK = made(
 )
 
 
-def test_scores_are_kept_for_comparisons_recommendations_and_the_report(copied, command):
+def test_scores_are_kept_for_comparisons_and_the_report(copied, command):
     """Differences are those of the means in its table: no image of this run has failed."""
     (table,) = score(copied, [DARK])
     value = {(row.method, row.condition): row.value for row in rows_of(table)}
@@ -213,11 +213,6 @@ def test_scores_are_kept_for_comparisons_recommendations_and_the_report(copied, 
     for row in differences["rows"]:
         expected = value["true-mesh", row["condition"]] - value["splat", row["condition"]]
         assert row["difference"] == pytest.approx(expected, abs=1e-12)
-    budget = ("--budget-ms", "1e9", "--metric", "dark-percent")
-    status, out, _ = command("recommend", copied, *budget)
-    assert status == 0
-    # The untrained generator leaves no pixel white: more than any other method that competes.
-    assert "tiny.safetensors 100" in " ".join(out.split())
     again = make_outputs(read_run(copied))  # of the report
     assert [t.to_csv() for t in again.tables if t.name == table.name] == [table.to_csv()]
 

@@ -1,4 +1,4 @@
-"""Small runs of the suites, what parts of them leave out, and `bench recommend`."""
+"""Small runs of the suites, and what parts of them leave out."""
 
 from __future__ import annotations
 
@@ -26,7 +26,7 @@ from data_prep.randomness import generator
 from data_prep.shapes.catalogue import CLASSES
 from learning.weights import FILES
 
-from ..builders import drop_features, read_all, write_all, write_run
+from ..builders import drop_features, write_run
 
 ROBUSTNESS, TRADE, THIRTEEN, BEYOND = (suite.id for suite in SUITES)
 CONDITIONS = ["512", "2048", "noise-0.05", "noise-0.20", "missing-0.50"]
@@ -164,60 +164,3 @@ def test_runs_without_families_two_methods_or_features_have_less(tmp_path):
     frontier, _ = make_outputs(read_run(trade)).frontier_tables
     metrics = frontier.frame["metric"].unique().tolist()
     assert metrics == ["ssim-object", "lpips", "ssim", "structure", "silhouette-iou"]
-
-
-SURELY = ["surely", "good", "enough", "by", "ssim", "poisson"]
-
-
-@pytest.mark.usefixtures("few_objects")
-def test_surely_is_said_of_the_method_that_is(tmp_path, command):
-    """The cheap one is good enough on average, the expensive one for certain."""
-    directory = write_run(tmp_path, methods=["splat", "poisson", "blank"], conditions=["2048"])
-    certain, scores = {"ssim": 0.9, "prepare_s": 2.0}, {"a": 0.3, "b": 0.5, "c": 0.7}
-    records = [
-        replace(r, **(certain if r.method == "poisson" else {"ssim": scores[r.object]}))
-        for r in read_all(directory)
-    ]
-    write_all(directory, records)
-    average = ["good", "enough", "on", "average", "by", "ssim", "splat"]
-    for least, choices in (("0.45", [average, SURELY]), ("0.8", [SURELY])):
-        status, out, _ = command("recommend", directory, "--min-ssim", least)
-        _, _, heads, *lines = out.splitlines()
-        assert status == 0
-        # The metrics of the headline come first.
-        assert heads.split()[3:6] == ["ssim-object", "lpips", "ssim"]
-        assert len(lines) == len(choices)
-        for line, choice in zip(lines, choices, strict=True):
-            assert line.split()[1 : 1 + len(choice)] == choice
-    full = ("--min-ssim", "0.45", "--budget-ms", "600", "--condition", "2048", "--metric", "ssim")
-    _, out, _ = command("recommend", directory, *full)
-    head, _, heads, best, short, sure, _, *remarks = out.splitlines()
-    assert "it is not known what ran beside it" in head
-    assert best.split()[1:5] == ["best", "by", "ssim", "splat"]
-    assert "surely" not in short
-    assert sure.split()[1 : 1 + len(SURELY)] == SURELY
-    assert remarks[-1] == "2048, surely good enough by ssim: over the budget."
-
-
-def test_a_recommendation_by_few_objects_says_that_means_decide(tmp_path, command):
-    run = write_run(tmp_path, suite=TRADE)
-    status, out, _ = command("recommend", run, "--min-ssim", "0.1")
-    assert status == 0
-    assert out.splitlines()[1] == (
-        "Means alone decide: 8 objects of a class are needed to show that a method is ahead of "
-        "another, or surely good enough, and there are 3."
-    )
-
-
-@pytest.mark.usefixtures("few_objects")
-def test_a_request_that_no_method_meets(tmp_path, command):
-    """Every method takes 250 ms a cloud and 125 ms a view."""
-    run = write_run(tmp_path, suite=TRADE)
-    for arguments, message in (
-        (("--budget-ms", "10", "--views", "1"), " 375 [375, 375]  375\n"),
-        (("--min-ssim", "1"), "none good enough, best by ssim  splat "),
-    ):
-        status, out, _ = command("recommend", run, *arguments)
-        assert status == 1
-        assert message in out
-        assert "true-mesh" not in out

@@ -1,4 +1,4 @@
-"""Every table of a tiny run of each suite, and what compare and recommend print, as kept files.
+"""Every table of a tiny run of each suite, and what compare prints, as kept files.
 
 The scores, features and times are made up by the names of their jobs; nothing is drawn. Where a
 change moves a table on purpose, `PC2PIX_KEEP=1 pytest tests/bench/tables/test_all_tables.py` writes
@@ -70,8 +70,6 @@ RUNS = {
 SAID_BY = (differences, orderings)
 SAYS = {  # by name: the arguments after the command
     "compare-methods": ("compare", "RUN", "--methods", "pc2pix,surface-apss"),
-    "recommend": ("recommend", "RUN", "--budget-ms", "2000", "--min-ssim", "0.4"),
-    "recommend-in-full": ("recommend", "RUN", "--budget-ms", "2000", "--condition", "512"),
 }
 
 
