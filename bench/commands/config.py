@@ -1,8 +1,7 @@
-"""The options of a command in a file: TOML, or the manifest of a run to repeat."""
+"""A run again, by its manifest: the options in the file become those of the command."""
 
 from __future__ import annotations
 
-import tomllib
 from collections import Counter
 from collections.abc import Mapping
 from pathlib import Path
@@ -11,7 +10,6 @@ from typing import Annotated, Any
 import typer
 
 from bench.catalogue.images import address_of
-from bench.catalogue.lookup import instead_of, unknown
 from bench.catalogue.suites import SUITES
 from bench.commands.options import USAGE_ERROR, plain_message, read_path
 from bench.records.record import SCHEMA_VERSION
@@ -20,32 +18,22 @@ from bench.running.options import REPEATED, Options
 from bench.running.protocol import name_of, objects_of
 from data_prep.datasets.registry import open_dataset
 from data_prep.failures import BadInput
-from data_prep.files.safe_read import MIB, read_text
 
 _REQUEST = "request"  # key in a manifest: the options of the command
-_INSTEAD = "give the manifest.json of a run, or state the options in a TOML file"
+_INSTEAD = "give the manifest.json of another run"
 MEASURED = {*REPEATED} - {"device"}  # where it was measured is no part of what
 JOB_SUITES = {suite.id: suite for suite in SUITES}
 
 
 def read_config(path: Path) -> dict[str, Any]:
-    """Return the options in a file, by their names with underscores.
+    """Return the options in a manifest, by their names with underscores.
 
     A list becomes text separated by commas, as on the command line. Raises BadInput for a file that
-    cannot be read, is not TOML, or is a JSON file but no manifest that this version can repeat.
+    cannot be read, or is no manifest that this version can repeat.
     """
-    if path.suffix == ".json":
-        values = repeated_request(path)
-    else:
-        try:
-            values = tomllib.loads(read_text(path, 4 * MIB))
-        except BadInput:
-            raise
-        except ValueError as error:
-            raise BadInput(f"{path}: cannot be read ({error}); give a TOML file") from error
     return {
-        name.replace("-", "_"): ",".join(map(str, value)) if isinstance(value, list) else value
-        for name, value in values.items()
+        name: ",".join(map(str, value)) if isinstance(value, list) else value
+        for name, value in repeated_request(path).items()
     }
 
 
@@ -55,7 +43,7 @@ def refuse_other_objects(options: Options, path: Path | None) -> None:
     Options choose the first objects of each class; the complete objects of a stopped
     run may be others, and the dataset may have changed. Other options of the command line pass.
     """
-    if path is None or path.suffix != ".json" or options.suite not in JOB_SUITES:
+    if path is None or options.suite not in JOB_SUITES:
         return
     manifest, repeated = _manifest(path), read_config(path)
     if (options.suite, options.dataset, options.limit) != (
@@ -105,45 +93,28 @@ def repeated_request(path: Path) -> Mapping[str, Any]:
 
 
 def _take(context: typer.Context, path: Path | None) -> Path | None:
-    """Make the options of the file the defaults of the command; return its path.
+    """Make the options in the manifest the defaults of the command; return its path.
 
-    Raises BadInput for an unknown option, and for a value that it does not take.
+    Raises BadInput for a value that an option does not take.
     """
     if path is None:
         return None
-    known = {
-        flag.lstrip("-").replace("-", "_"): option
-        for option in context.command.params
-        for flag in option.opts
-        if option.name not in ("config", "help")
-    }
-    defaults = dict(context.default_map or {})
-    for name, value in read_config(path).items():
-        if name not in known:
-            command = context.command_path
-            option = f"{command.removeprefix('bench ')} --{name.replace('_', '-')}"
-            refusal = instead_of("option", option) or unknown(
-                name, sorted(known), "option", see=f"{command} --help"
-            )
-            raise BadInput(f"{path}: {refusal}")
-        option = known[name]
-        _check(path, context, name, option, value)
-        defaults[option.name] = value
-    context.default_map = defaults
+    values = read_config(path)
+    for option in context.command.params:
+        if option.name in values:
+            _check(path, context, option, values[option.name])
+    context.default_map = {**(context.default_map or {}), **values}
     return path
 
 
-def _check(path: Path, context: typer.Context, name: str, option: Any, value: Any) -> None:
+def _check(path: Path, context: typer.Context, option: Any, value: Any) -> None:
     """Raise BadInput for a value that an option does not take."""
-    # The command line converts any kind of value from text: it would take true and 1.5 for 1.
-    where = f"{path}: {name} = {value!r}"
-    if isinstance(value, bool) != option.is_flag or not isinstance(value, bool | int | str):
-        kinds = "true or false" if option.is_flag else "text, a whole number or a list of names"
-        raise BadInput(f"{where}: give {kinds}")
     try:
         option.process_value(context, value)
     except USAGE_ERROR as error:
-        raise BadInput(f"{where}: {plain_message(error.message)}") from error
+        raise BadInput(
+            f"{path}: {option.name} = {value!r}: {plain_message(error.message)}; {_INSTEAD}"
+        ) from error
 
 
 ConfigOption = Annotated[
@@ -154,7 +125,7 @@ ConfigOption = Annotated[
         is_eager=True,  # the others have their defaults from it
         callback=_take,
         parser=read_path,
-        help="Options in a TOML file, or the manifest.json of a run, to repeat it. Options of the "
-        "command line replace those of the file. Default: none.",
+        help="The manifest.json of a run, to repeat it. Options of the command line replace those "
+        "of the file. Default: none.",
     ),
 ]

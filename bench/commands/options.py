@@ -268,8 +268,7 @@ RUN_OPTIONS: dict[str, str | OptionSpec] = {  # of `bench.running.protocol.Optio
         metavar="ADDRESS|local",
     ),
     "fresh": OptionSpec(
-        "Start again; a run that is in the folder is renamed, not deleted. Default: go on with it.",
-        flag="--fresh/--no-fresh",  # a file may switch it on
+        "Start again; a run that is in the folder is renamed, not deleted. Default: go on with it."
     ),
     "inception_weights": OptionSpec(
         "Weights for fid: a file, or 'download' (95 MB, once). Default: as downloaded before, else "

@@ -117,7 +117,7 @@ def run(
     dry_run: Annotated[
         bool,
         typer.Option(
-            "--dry-run/--no-dry-run",
+            "--dry-run",
             help="Print what would run with its jobs, time and disk; run nothing.",
         ),
     ] = False,

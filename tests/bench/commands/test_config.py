@@ -1,4 +1,4 @@
-"""Options from a file: their order, and a manifest that repeats its run."""
+"""A manifest that repeats its run."""
 
 from __future__ import annotations
 
@@ -9,25 +9,6 @@ from bench.records.run_folder import read_manifest
 from bench.running.options import REPEATED, Options
 
 from ..builders import make_manifest, write_manifest
-
-TEXT = """
-suite = "chair-robustness"
-methods = ["splat", "blank"]
-conditions = "2048"
-inception-weights = "download"
-limit = 3
-fresh = true
-device = "cpu"
-"""
-SAID = Options(
-    "chair-robustness",
-    methods=("splat", "blank"),
-    conditions=("2048",),
-    limit=3,
-    inception_weights="download",
-    fresh=True,
-    device="cpu",
-)
 
 
 @pytest.fixture
@@ -41,14 +22,6 @@ def asked(command, monkeypatch):
         return given.pop() if given else done
 
     return ask
-
-
-def test_options_come_from_the_file_and_the_command_line_comes_first(asked, tmp_path):
-    file = tmp_path / "mine.toml"
-    file.write_text(TEXT)
-    assert asked("--config", file) == SAID
-    changed = asked("--config", file, "--limit", "5", "--methods", "pc2pix")
-    assert (changed.limit, changed.methods, changed.conditions) == (5, ("pc2pix",), ("2048",))
 
 
 def objects(*numbers):
@@ -88,6 +61,15 @@ def test_a_manifest_says_nothing_about_where_how_and_over_what(repeated, tmp_pat
     assert repeated(request=request | foreign) == repeated(request=request)
 
 
+def test_the_command_line_comes_first(repeated):
+    changed = repeated("--limit", "5", "--methods", "pc2pix")
+    assert (changed.limit, changed.methods, changed.conditions) == (
+        5,
+        ("pc2pix",),
+        ("2048", "512"),
+    )
+
+
 def test_other_objects_may_be_asked_for(repeated):
     assert repeated("--limit", "3", objects=objects(0, 2)).limit == 3
 
@@ -101,14 +83,3 @@ def test_the_request_of_a_run_states_its_defaults(finished, tmp_path, asked):
     assert request["limit"] == 3
     again = asked("--config", finished[0] / "manifest.json")
     assert (again.methods, again.limit) == (tuple(manifest["methods"]), 3)
-
-
-def test_what_a_file_says_and_the_command_line_switches_off(asked, tmp_path, monkeypatch):
-    """Every option has its name of the command line, and a path may begin with the home folder."""
-    monkeypatch.setenv("HOME", str(tmp_path))
-    file = tmp_path / "mine.toml"
-    file.write_text("suite = 'chair-robustness'\nfresh = true\nformat = 'csv'\nout = '~/x'\n")
-    said = asked("--config", file)
-    assert (said.fresh, said.directory) == (True, tmp_path / "x")
-    assert not asked("--config", file, "--no-fresh").fresh
-    assert asked("--suite", "chair-robustness", "--out=~/y").out == tmp_path / "y"

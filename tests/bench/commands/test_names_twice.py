@@ -18,7 +18,6 @@ CASES = {
     f"{ROBUSTNESS} --methods splat,constant,splat": f"{ROBUSTNESS} --methods splat,constant",
     f"{ROBUSTNESS} --conditions 512,512": f"{ROBUSTNESS} --conditions 512",
     f"{ROBUSTNESS} --metrics flip,ms-ssim,flip": f"{ROBUSTNESS} --metrics flip,ms-ssim",
-    "run --config twice.toml": "run --config once.toml",
     "compare run --methods splat,blank --metric ssim,ssim,ssim": "compare run --methods splat,blank"
     " --metric ssim",
     "compare run --methods splat,blank,splat": "compare run --methods splat,blank",
@@ -38,16 +37,13 @@ CASES = {
 
 @pytest.fixture(scope="module")
 def folder(tmp_path_factory):
-    """Return a folder with two runs, golden values of one, a cloud, and files of options."""
+    """Return a folder with two runs, golden values of one, and a cloud."""
     folder = tmp_path_factory.mktemp("here")
     run = write_run(folder / "run", objects=[f"chair/{name}" for name in "abcdefgh"])
     shutil.copytree(run, folder / "again")
     (folder / "of-stability").mkdir()
     write_manifest(folder / "of-stability", make_manifest(suite="stability"))
     (folder / "cloud.xyz").write_text("0 0 0\n1 0 0\n0 1 0\n")
-    options = "suite = 'chair-robustness'\ndry-run = true\nlimit = 1\nviews = 1\nmethods = {}\n"
-    (folder / "twice.toml").write_text(options.format("['splat', 'constant', 'splat']"))
-    (folder / "once.toml").write_text(options.format("['splat', 'constant']"))
     return folder
 
 
