@@ -164,7 +164,10 @@ def _examine(obj: SceneObject) -> _ObjectReport:
         raise
     except BadInput as error:
         problems = ((_UNUSABLE, str(error)),)
-        if not (isinstance(error, NoFaces) and isinstance(obj, MeshFile)):
+        # Among the files of a folder one without faces may be a cloud; the meshes of a dataset are
+        # in folders of their own, and none of them is meant to be one.
+        is_of_folder = isinstance(obj, MeshFile) and obj.folder is None
+        if not (isinstance(error, NoFaces) and is_of_folder):
             return _ObjectReport(problems)
         cloud = _examine(BareCloud(obj.class_name, obj.object_id, obj.path))
         return _ObjectReport((*problems, *cloud.problems), bare=cloud.bare)

@@ -17,7 +17,7 @@ from pathlib import Path
 from data_prep.clouds.orientations import MODELNET
 from data_prep.datasets.dataset import Dataset, DatasetListing
 from data_prep.datasets.objects import Split
-from data_prep.datasets.stored_meshes import PlacedMesh
+from data_prep.datasets.stored_meshes import MeshFile
 from data_prep.failures import BadInput
 from data_prep.files.safe_read import (
     MIB,
@@ -105,11 +105,11 @@ def _off_files(folder: Path) -> tuple[Path, ...]:
     return files_in(folder, OFF) if folder.is_dir() else ()
 
 
-def _object(class_name: str, path: Path) -> PlacedMesh:
-    return PlacedMesh(class_name, path.stem, path, path.parent, MODELNET)
+def _object(class_name: str, path: Path) -> MeshFile:
+    return MeshFile(class_name, path.stem, path, path.parent, MODELNET)
 
 
-def _absent(class_name: str, folder: Path, object_id: str) -> PlacedMesh:
+def _absent(class_name: str, folder: Path, object_id: str) -> MeshFile:
     return _object(class_name, folder / f"{object_id}.off")
 
 

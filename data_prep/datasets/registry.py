@@ -21,7 +21,7 @@ from data_prep.datasets.procedural import (
     training_dataset,
 )
 from data_prep.datasets.shapenet import is_shapenet, is_synset, shapenet_dataset
-from data_prep.datasets.stored_meshes import MeshFile, PlacedMesh
+from data_prep.datasets.stored_meshes import MeshFile
 from data_prep.failures import BadInput, unknown
 from data_prep.files.safe_read import folders_in, is_disk, shown
 from data_prep.plugins import OUR_KINDS, announced, load_entry_point
@@ -34,7 +34,6 @@ __all__ = [
     "MeshFile",
     "MeshObject",
     "PaperObject",
-    "PlacedMesh",
     "ProceduralObject",
     "SceneObject",
     "Split",

@@ -22,7 +22,7 @@ from typing import Any
 from data_prep.clouds.orientations import SHAPENET_V1, SHAPENET_V2, Orientation
 from data_prep.datasets.dataset import Dataset, DatasetListing, listed
 from data_prep.datasets.objects import Split
-from data_prep.datasets.stored_meshes import PlacedMesh
+from data_prep.datasets.stored_meshes import MeshFile
 from data_prep.datasets.synsets import class_names
 from data_prep.failures import BadInput
 from data_prep.files.safe_read import (
@@ -49,9 +49,9 @@ class _Version:
     path: tuple[str, ...]  # below the folder of the object
     orientation: Orientation
 
-    def place(self, class_name: str, folder: Path) -> PlacedMesh:
+    def place(self, class_name: str, folder: Path) -> MeshFile:
         file = folder.joinpath(*self.path)
-        return PlacedMesh(class_name, folder.name, file, folder, self.orientation)
+        return MeshFile(class_name, folder.name, file, folder, self.orientation)
 
 
 V1 = _Version("v1", ("model.obj",), SHAPENET_V1)
@@ -123,7 +123,7 @@ def shapenet_dataset(spec: str, root: Path) -> Dataset:
     )
 
 
-def _absent(version: _Version, class_name: str, folder: Path, object_id: str) -> PlacedMesh:
+def _absent(version: _Version, class_name: str, folder: Path, object_id: str) -> MeshFile:
     return version.place(class_name, folder / object_id)
 
 

@@ -3,69 +3,51 @@
 from __future__ import annotations
 
 import glob
-from collections.abc import Iterable, Iterator
+from collections.abc import Iterator
 from dataclasses import dataclass
 from pathlib import Path
 
-from data_prep.clouds.orientations import Orientation
+from data_prep.clouds.orientations import OURS, Orientation
 from data_prep.datasets.objects import MeshObject
 from data_prep.files.checksums import fingerprint_of
 from data_prep.files.meshes import LOADER_VERSION, MOST_BYTES, SUFFIXES, load_mesh
 from data_prep.files.safe_read import is_hidden, is_regular_file
 from data_prep.scene import Mesh
 
+# Suffixes of the files that a mesh may refer to for its colours: a material library, and textures.
 MATERIALS = (".mtl", ".png", ".jpg", ".jpeg", ".bmp", ".tga", ".tif", ".tiff", ".gif")
 
 
 @dataclass(frozen=True)
 class MeshFile(MeshObject):
-    """A mesh of a `folder:PATH`; its id is the path below the folder of its class."""
+    """An object whose mesh is in a file.
 
-    class_name: str
-    object_id: str
-    path: Path
-
-    def fingerprint(self) -> str:
-        """Return a checksum of the file, its resources and the version of the loader.
-
-        Resources are what the file refers to, and what has its name and another suffix: materials,
-        buffers, textures. The fingerprint of an unreadable file says so.
-        """
-        version = f"loader {LOADER_VERSION}"
-        return fingerprint_of(version, self.path, self._resources, MOST_BYTES)
-
-    def load(self) -> Mesh:
-        """Read and normalise the file."""
-        return load_mesh(self.path)
-
-    def _resources(self) -> Iterator[Path]:
-        beside = sorted(self.path.parent.glob(f"{glob.escape(self.path.stem)}.*"))
-        named = (path for path in beside if path.suffix.lower() not in SUFFIXES)
-        return _resources(self.path, filter(is_regular_file, named))
-
-
-@dataclass(frozen=True)
-class PlacedMesh(MeshObject):
-    """A mesh of a dataset whose axes have to be turned, with an id that is unique within its class.
-
-    folder       of the object: materials and textures are read from nowhere else
+    class_name   the class of the object
+    object_id    its id, unique within the class
+    path         the file of the mesh
+    folder       the folder of this object alone, with its materials and textures: they are read
+                 from nowhere else. None for a file that lies among those of other objects.
     orientation  the axes of the file that point up and to the front
     """
 
     class_name: str
     object_id: str
     path: Path
-    folder: Path
-    orientation: Orientation
+    folder: Path | None = None
+    orientation: Orientation = OURS
 
     def fingerprint(self) -> str:
-        """Return a checksum of the file, its resources, its orientation and the loader's version.
+        """Return a checksum of all that decides the mesh; of an unreadable file say so instead.
 
-        Resources are what the file refers to, and the materials and images beside it and in the
-        folder `images`.
+        That is the file, its resources, its orientation and the version of the loader. Resources
+        are the files that it refers to, and those that seem to be its own: of an object with a
+        folder the materials and images in there, of another object the files that have the name of
+        its mesh and another suffix (materials, buffers, textures).
         """
+        version = f"loader {LOADER_VERSION}"
         turn = self.orientation.columns, self.orientation.signs
-        version = f"loader {LOADER_VERSION} {turn}"
+        if turn != (OURS.columns, OURS.signs):
+            version = f"{version} {turn}"
         return fingerprint_of(version, self.path, self._resources, MOST_BYTES)
 
     def load(self) -> Mesh:
@@ -73,19 +55,27 @@ class PlacedMesh(MeshObject):
         return load_mesh(self.path, self.orientation, self.folder)
 
     def _resources(self) -> Iterator[Path]:
+        """Yield the files that seem to be the object's, and then those that the mesh refers to."""
+        from data_prep.files.mesh_resources import files_behind  # loads trimesh
+
+        known = set()
+        for path in filter(is_regular_file, self._files_near()):
+            known.add(path.resolve())
+            yield path
+        for path in files_behind(self.path, MOST_BYTES, self.folder):
+            if path.resolve() not in known:
+                yield path
+
+    def _files_near(self) -> Iterator[Path]:
+        """Yield the files that seem to belong to the object, whether or not the mesh names them."""
+        if self.folder is None:
+            for path in sorted(self.path.parent.glob(f"{glob.escape(self.path.stem)}.*")):
+                if path.suffix.lower() not in SUFFIXES:
+                    yield path
+            return
+        # Without this a mesh that is itself in "images" would yield its neighbours twice.
         folders = dict.fromkeys((self.path.parent, self.folder / "images"))
-        near = (path for folder in folders for path in sorted(folder.glob("*")))
-        visible = (path for path in near if not is_hidden(path.name))
-        images = (path for path in visible if path.suffix.lower() in MATERIALS)
-        return _resources(self.path, filter(is_regular_file, images), self.folder)
-
-
-def _resources(mesh: Path, near: Iterable[Path], within: Path | None = None) -> Iterator[Path]:
-    """Yield files near a mesh, and then what it refers to besides."""
-    from data_prep.files.mesh_resources import files_behind  # loads trimesh
-
-    known = set()
-    for path in near:
-        known.add(path.resolve())
-        yield path
-    yield from (p for p in files_behind(mesh, MOST_BYTES, within) if p.resolve() not in known)
+        for folder in folders:
+            for path in sorted(folder.glob("*")):
+                if path.suffix.lower() in MATERIALS and not is_hidden(path.name):
+                    yield path

@@ -5,7 +5,7 @@ from pathlib import Path
 
 from data_prep.clouds.orientations import Orientation
 from data_prep.datasets.dataset import DatasetListing, DatasetReader
-from data_prep.datasets.stored_meshes import PlacedMesh
+from data_prep.datasets.stored_meshes import MeshFile
 from data_prep.failures import BadInput
 from data_prep.files.safe_read import MIB, read_text
 
@@ -25,7 +25,7 @@ def read(spec, root):
         if Path(name).is_absolute() or ".." in Path(name).parts:
             raise BadInput(f"{root / LIST}:{number}: a file outside the folder")
         file = root / name
-        mesh = PlacedMesh(class_name, name, file, file.parent, PLACED)
+        mesh = MeshFile(class_name, name, file, file.parent, PLACED)
         listing.objects.append(mesh)
         listing.splits.setdefault(split, []).append(mesh)
     if not listing.objects:

@@ -21,11 +21,11 @@ from data_prep.datasets.protocol_version import CHANGES, PROTOCOL_VERSION
 from data_prep.datasets.registry import (
     Dataset,
     DatasetReader,
-    PlacedMesh,
     ProceduralObject,
     open_dataset,
     recognised,
 )
+from data_prep.datasets.stored_meshes import MeshFile
 from data_prep.datasets.synsets import CLASS_OF, SYNSETS, class_names
 from data_prep.datasets.training_set import training_clouds
 from data_prep.failures import BadInput
@@ -238,7 +238,7 @@ def test_objects_survive_pickling(tmp_path: Path) -> None:
     for obj in (
         ProceduralObject("chair", "validation", 3),
         *open_dataset(f"folder:{tmp_path}").finite,
-        PlacedMesh("chair", "a", tmp_path / "a.obj", tmp_path, PAPER),
+        MeshFile("chair", "a", tmp_path / "a.obj", tmp_path, PAPER),
     ):
         twin = pickle.loads(pickle.dumps(obj))
         assert (twin, hash(twin)) == (obj, hash(obj))

@@ -7,6 +7,7 @@ import hashlib
 import io
 import json
 import os
+from dataclasses import replace
 from pathlib import Path
 
 import numpy as np
@@ -14,9 +15,9 @@ import pytest
 import trimesh
 from PIL import Image
 
-from data_prep.clouds.orientations import OURS
+from data_prep.clouds.orientations import PAPER
 from data_prep.datasets.registry import open_dataset
-from data_prep.datasets.stored_meshes import MeshFile, PlacedMesh
+from data_prep.datasets.stored_meshes import MeshFile
 from data_prep.files.meshes import LOADER_VERSION
 from data_prep.randomness import generator
 from data_prep.scene import NEUTRAL_GREY, View
@@ -141,9 +142,9 @@ BEHIND = {
 }  # fmt: skip
 
 
-@pytest.mark.parametrize("placed", [False, True], ids=["folder", "placed"])
+@pytest.mark.parametrize("own_folder", [False, True])
 @pytest.mark.parametrize("case", BEHIND)
-def test_a_file_behind_a_mesh_changes_its_fingerprint(tmp_path, case, placed):
+def test_a_file_behind_a_mesh_changes_its_fingerprint(tmp_path, case, own_folder):
     name, mesh, files, changing, write = BEHIND[case]
 
     def put(file, content):
@@ -153,7 +154,7 @@ def test_a_file_behind_a_mesh_changes_its_fingerprint(tmp_path, case, placed):
     for file, content in {name: mesh, **files}.items():
         put(file, content)
     path = tmp_path / name
-    obj = PlacedMesh("c", "a", path, tmp_path, OURS) if placed else MeshFile("c", name, path)
+    obj = MeshFile("c", name, path, tmp_path if own_folder else None)
     meshes, fingerprints = [], []
     for level in (0, 1):
         put(changing, write(200 * level) if callable(write) else write.format(level))
@@ -177,6 +178,7 @@ def test_the_fingerprint_is_that_of_the_contents_and_of_companions(tmp_path: Pat
     text = f"mtllib gone.mtl\n{OBJ}f 1 2 3\n"
     obj.path.write_text(text)
     assert obj.fingerprint()[:4] == "e653"
+    assert replace(obj, orientation=PAPER).fingerprint() != obj.fingerprint()
     # Nor do other objects' files count, nor companions that are no files.
     (tmp_path / "ab.mtl").write_text("newmtl m\nKd 1 0 0\n")
     (tmp_path / "b.png").write_bytes(png(1))
