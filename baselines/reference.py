@@ -15,10 +15,10 @@ import numpy as np
 from numpy.typing import NDArray
 
 from data_prep.datasets.objects import grey
-from data_prep.failures import BadInput, StageFailure
+from data_prep.failures import StageFailure
 from data_prep.rendering.images import blank, to_float
 from data_prep.rendering.opengl import render
-from data_prep.scene import IMAGE_SIZE, Images, Mesh, PointCloud, View
+from data_prep.scene import Images, Mesh, PointCloud, View
 
 CONSTANT_IMAGE = Path(__file__).with_name("constant.png")
 
@@ -74,24 +74,3 @@ class Blank(Constant):
 
     def __init__(self) -> None:
         super().__init__(blank(1)[0])
-
-
-def read_image(path: Path = CONSTANT_IMAGE) -> NDArray[np.uint8]:
-    """Return the image of a PNG file, uint8 [IMAGE_SIZE, IMAGE_SIZE, 3].
-
-    Raises BadInput where there is none, or one of another size.
-    """
-    from PIL import Image
-
-    remedy = "install pc2pix-bench again"
-    try:
-        with Image.open(path) as file:
-            image = np.array(file.convert("RGB"))
-    except OSError as error:
-        raise BadInput(f"{path}: no readable image ({error}); {remedy}") from error
-    if image.shape != (IMAGE_SIZE, IMAGE_SIZE, 3):
-        height, width, _ = image.shape
-        raise BadInput(
-            f"{path}: {width} x {height}, expected {IMAGE_SIZE} x {IMAGE_SIZE}; {remedy}"
-        )
-    return image

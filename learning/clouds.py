@@ -5,22 +5,42 @@ All randomness is a `torch.Generator` on the CPU, so that a resumed run goes on 
 
 from __future__ import annotations
 
+from typing import NamedTuple
+
 import torch
 from torch import Tensor
 
 POINTS_SEEN = (2048, 2048, 1024, 512, 512)  # one of these for all clouds of a step
 MAX_NOISE = 0.12  # standard deviation, in radii of the unit sphere: a little beyond the paper's
-CLEAN_SHARE = 0.4
+CLEAN_SHARE = 0.4  # of the clouds, which are shown without noise
 
 
-def degrade(clouds: Tensor, random: torch.Generator) -> tuple[Tensor, Tensor]:
-    """Return clouds [B, N, 3] of fewer points with noise, of clouds [B, M, 3], and without it.
+class Degradation(NamedTuple):
+    """How a training degrades clouds; the defaults are those of splat-net and occupancy-net.
 
-    N is one of POINTS_SEEN, at most M. This is what splat-net and its opponent in 3D are shown.
+    points_seen  the numbers of points of which each step has one, all equally likely
+    most_noise   the largest standard deviation of the noise, in radii of the unit sphere
+    clean_share  the share of the clouds that have no noise
     """
-    which = int(torch.randint(len(POINTS_SEEN), (), generator=random))
-    clean = draw_points(clouds, POINTS_SEEN[which], random)
-    return add_noise(clean, MAX_NOISE, CLEAN_SHARE, random), clean
+
+    points_seen: tuple[int, ...] = POINTS_SEEN
+    most_noise: float = MAX_NOISE
+    clean_share: float = CLEAN_SHARE
+
+
+_OF_BASELINES = Degradation()
+
+
+def degrade(
+    clouds: Tensor, random: torch.Generator, how: Degradation = _OF_BASELINES
+) -> tuple[Tensor, Tensor]:
+    """Return fewer points of each cloud with noise, [B, N, 3], and the same points without it.
+
+    Of clouds [B, M, 3]. N is one of `how.points_seen` for the whole batch, at most M.
+    """
+    which = int(torch.randint(len(how.points_seen), (), generator=random))
+    clean = draw_points(clouds, how.points_seen[which], random)
+    return add_noise(clean, how.most_noise, how.clean_share, random), clean
 
 
 def draw_points(clouds: Tensor, count: int, random: torch.Generator) -> Tensor:

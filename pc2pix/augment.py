@@ -11,22 +11,11 @@ from typing import NamedTuple
 import torch
 from torch import Tensor
 
-from learning.clouds import add_noise, draw_points
+from learning.clouds import Degradation
 
-POINTS_SEEN = (256, 512, 1024)
-MAX_NOISE = 0.1  # standard deviation, in radii of the unit sphere
-CLEAN_SHARE = 0.5
+# Up to the paper's strongest noise, and down to half of its sparsest clouds.
+DEGRADATION = Degradation(points_seen=(256, 512, 1024), most_noise=0.1, clean_share=0.5)
 PLAIN_POINTS = 1024  # what an encoder that takes any number is fed while training
-
-
-def degrade(clouds: Tensor, random: torch.Generator) -> Tensor:
-    """Return clouds [B, n, 3] of fewer points, with Gaussian noise on about half of them.
-
-    n is one of POINTS_SEEN for the whole batch; the noise of a cloud is drawn from 0..MAX_NOISE.
-    """
-    which = int(torch.randint(len(POINTS_SEEN), (), generator=random))
-    points = draw_points(clouds, POINTS_SEEN[which], random)
-    return add_noise(points, MAX_NOISE, CLEAN_SHARE, random)
 
 
 def take_evenly(points: Tensor, count: int) -> Tensor:

@@ -17,12 +17,12 @@ import torch
 from numpy.typing import NDArray
 from torch import Tensor
 
-from data_prep.rendering.camera import project
-from data_prep.scene import CLOUD_SIZE, IMAGE_SIZE, View
+from data_prep.rendering.dots import draw_dots
+from data_prep.scene import CLOUD_SIZE, View
 from learning import checkpoint, training_loop
-from learning.clouds import draw_points
+from learning.clouds import degrade, draw_points
 from learning.trainer import NetworkTrainer
-from pc2pix.augment import degrade, take_evenly
+from pc2pix.augment import DEGRADATION, take_evenly
 from pc2pix.losses import chamfer
 from pc2pix.model import Decoder, Encoder, ModelConfig, PointNet, build_encoder
 from pc2pix.training_configs import AutoencoderConfig
@@ -71,7 +71,9 @@ class AutoencoderTrainer(NetworkTrainer):
         which = torch.randint(len(self.clouds), (self.batch,), generator=self.random)
         whole = draw_points(self.clouds[which], CLOUD_SIZE, self.random)
         size = self.encoder.cloud_size
-        fed = degrade(whole, self.random) if self.config.augment else whole
+        fed = whole
+        if self.config.augment:
+            fed, _ = degrade(whole, self.random, DEGRADATION)
         if size is not None:
             fed = take_evenly(fed, size)
         return fed.to(self.device), whole.to(self.device)
@@ -102,14 +104,9 @@ class AutoencoderTrainer(NetworkTrainer):
 
 
 def dots_of(*rows: Tensor) -> NDArray[np.uint8]:
-    """Return a sample sheet [128 R, 128 K, 3] of R rows of K clouds [K, N, 3]."""
-    return np.vstack([np.hstack([dots(cloud.numpy()) for cloud in row]) for row in rows])
-
-
-def dots(points: NDArray[np.float32]) -> NDArray[np.uint8]:
-    """Return an image [128, 128, 3] of a cloud [N, 3]: a black pixel for each point."""
-    image = np.full((IMAGE_SIZE, IMAGE_SIZE, 3), 255, dtype=np.uint8)
-    pixels, _ = project(points, _SHEET_VIEW)
-    column, row = np.clip(pixels, 0, IMAGE_SIZE - 1).astype(int).T
-    image[row, column] = 0
-    return image
+    """Return a sample sheet [128 R, 128 K, 3] of R rows of K clouds [K, N, 3], drawn as dots."""
+    sheet = []
+    for row in rows:
+        images = [draw_dots(cloud.numpy(), [_SHEET_VIEW])[0] for cloud in row]
+        sheet.append(np.hstack(images))
+    return np.vstack(sheet)

@@ -34,9 +34,9 @@ from torch import Tensor
 
 from data_prep.failures import BadInput
 from learning import training_loop
-from learning.clouds import draw_points
+from learning.clouds import degrade, draw_points
 from learning.trainer import NetworkTrainer, averaged, update
-from pc2pix.augment import PLAIN_POINTS, Scene, degrade, mirror, take_evenly
+from pc2pix.augment import DEGRADATION, PLAIN_POINTS, Scene, mirror, take_evenly
 from pc2pix.autoencoder import decorrelated
 from pc2pix.losses import (
     OBJECTIVES,
@@ -249,7 +249,7 @@ class GanTrainer(NetworkTrainer):
         """Return the encoder's input [B, n, 3]."""
         clouds, size = self.clouds[objects], self.encoder.cloud_size
         if self.config.augment:
-            points = degrade(clouds, self.random)
+            points, _ = degrade(clouds, self.random, DEGRADATION)
         else:
             points = draw_points(clouds, size or PLAIN_POINTS, self.random)
         return points if size is None else take_evenly(points, size)

@@ -36,7 +36,7 @@ class GanConfig:
     warm_up    first steps that train one network alone: the generator by reconstruction (`paired`),
                or the discriminator, before a generator that starts from weights
     start      checksum of the weights that generator and encoder start from; None: random ones
-    augment    encode clouds with fewer points and noise (`pc2pix.augment.degrade`)
+    augment    encode clouds with fewer points and noise (`pc2pix.augment.DEGRADATION`)
     precision  bfloat16 is mixed precision: weights, spectral norms, BN statistics and losses stay
                float32
     """

@@ -142,17 +142,21 @@ def renderer(class_path: str, device: str, **fields: float) -> Renderer:
 def constant(device: str) -> Renderer:
     """Return the renderer of the bundled image."""
     del device
-    from baselines.reference import Constant, read_image
+    from baselines.reference import CONSTANT_IMAGE, Constant
+    from data_prep.rendering.images import read_image
 
-    return Constant(read_image())
+    image, _ = read_image(CONSTANT_IMAGE)
+    return Constant(image)
 
 
 def constant_identity() -> str:
     """Return the checksum of the bundled image."""
-    from baselines.reference import read_image
+    from baselines.reference import CONSTANT_IMAGE
+    from data_prep.rendering.images import read_image
 
     # Of its pixels, not of its file, which another PNG writer may pack differently.
-    return f"picture {sha256(read_image().tobytes()).hexdigest()}"
+    image, _ = read_image(CONSTANT_IMAGE)
+    return f"picture {sha256(image.tobytes()).hexdigest()}"
 
 
 def open3d_identity(version: Callable[[str], str] = installed_version) -> str:

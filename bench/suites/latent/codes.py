@@ -62,7 +62,7 @@ def strips_figure(strips: Sequence[_Strip], view: View, **size: Any) -> Figure:
     """
     rows = []
     for label, tiles in strips:
-        rows.append((f"{label}\ndecoded", [draw_cloud(tile.cloud, view) for tile in tiles]))
+        rows.append((f"{label}\ndecoded", [draw_discs(tile.cloud, view) for tile in tiles]))
         rows.append((f"{label}\ndrawn", [tile.image for tile in tiles]))
         if any(tile.truth is not None for tile in tiles):
             none = np.full_like(tiles[0].image, 255)
@@ -72,7 +72,7 @@ def strips_figure(strips: Sequence[_Strip], view: View, **size: Any) -> Figure:
     return image_sheet(titles, rows, **size)
 
 
-def draw_cloud(cloud: Points, view: View) -> NDArray[np.uint8]:
+def draw_discs(cloud: Points, view: View) -> NDArray[np.uint8]:
     """Return a cloud as discs, grey by depth: uint8 [128, 128, 3]."""
     splat = Splat()
     return to_uint8(splat.draw(splat.prepare(PointCloud(cloud)), [view]))[0]
