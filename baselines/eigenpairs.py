@@ -1,9 +1,9 @@
 """The smallest eigenvalue of many symmetric 3x3 matrices, and its eigenvector, in closed form.
 
-LAPACK, which NumPy and PyTorch call matrix by matrix, took half of the time that a cloud is
-prepared in; this takes a seventh of that. Eigenvalues: O. K. Smith, "Eigenvalues of a symmetric 3x3
-matrix", CACM 4 (1961). The eigenvector is at right angles to all rows of A - lambda I: the longest
-of their cross products.
+NumPy and PyTorch call LAPACK once for each matrix, which took half of the time that a cloud is
+prepared in; the closed form takes a seventh of that. The eigenvalues are those of O. K. Smith,
+"Eigenvalues of a symmetric 3x3 matrix", CACM 4 (1961). The eigenvector is at right angles to all
+rows of A - lambda I, so it is the longest of the cross products of two rows.
 """
 
 from __future__ import annotations
@@ -12,23 +12,25 @@ import numpy as np
 
 from data_prep.arrays import Floats
 
-# Squared sines of the angle between two rows below this are rounding: the rows are parallel.
+# Squared sine of the angle between two rows. Below it the angle is a rounding error, and the rows
+# count as parallel.
 _PARALLEL = 1e-20
 
 
 def smallest_eigenpairs(upper: Floats) -> tuple[Floats, Floats]:
-    """Return the smallest eigenvalues [n] and unit eigenvectors [n, 3] of finite matrices.
+    """Return the smallest eigenvalues [n] of n matrices, and their unit eigenvectors [n, 3].
 
-    The sign of the eigenvectors is arbitrary.
+    The sign of an eigenvector is arbitrary.
 
-    upper  [n, 6]: a00, a01, a02, a11, a12, a22
+    upper  [n, 6]: the upper triangle a00, a01, a02, a11, a12, a22 of each matrix, finite
 
-    The eigenvalue is exact to some 1e-15 of the largest, to 1e-8 where two are nearly equal. Where
-    the smallest two are equal the eigenvector is one of many, as with LAPACK's; of a multiple of
-    the identity it is (0, 0, 1).
+    The error of an eigenvalue is some 1e-15 of the largest one, and 1e-8 of it where two are nearly
+    equal. Where the smallest two are equal, any vector of a plane is an eigenvector, and one of
+    them is returned, as by LAPACK. For a multiple of the identity it is (0, 0, 1).
     """
     size = np.abs(upper).max(axis=1)
-    a, b, c, d, e, f = (upper / np.where(size > 0, size, 1)[:, None]).T
+    scaled = upper / np.where(size > 0, size, 1)[:, None]  # entries in -1..1: nothing overflows
+    a, b, c, d, e, f = scaled.T
     mean = (a + d + f) / 3
     x, y, z = a - mean, d - mean, f - mean
     off = b * b + c * c + e * e
@@ -57,8 +59,11 @@ def _across(rows: Floats) -> Floats:
 
 
 def _across_line(rows: Floats) -> Floats:
-    """Return vectors [3, n] perpendicular to the longest row, of which all are multiples."""
-    lengths = (rows**2).sum(axis=1)  # [3, n]
+    """Return vectors [3, n] perpendicular to matrices [3, 3, n] whose rows are all parallel.
+
+    They are perpendicular to the longest row; a matrix of zeros gives (0, 0, 1).
+    """
+    lengths = (rows**2).sum(axis=1)  # squared, [3, n]
     line = np.take_along_axis(rows, lengths.argmax(axis=0)[None, None], axis=0)[0]
     axes = np.eye(3)[np.abs(line).argmin(axis=0)].T  # the axis that it runs along least
     across = _cross(line, axes)
@@ -67,9 +72,9 @@ def _across_line(rows: Floats) -> Floats:
 
 
 def _cross(a: Floats, b: Floats) -> Floats:
-    """Return the cross products of vectors [3, n].
+    """Return the cross products [3, n] of vectors [3, n].
 
-    NumPy's function spends most of its time on moving axes.
+    `numpy.cross` spends most of its time on moving axes.
     """
     return np.array(
         [a[1] * b[2] - a[2] * b[1], a[2] * b[0] - a[0] * b[2], a[0] * b[1] - a[1] * b[0]]

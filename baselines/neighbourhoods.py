@@ -1,8 +1,9 @@
-"""Planes of the neighbourhoods of points, at several scales.
+"""Planes fitted to the neighbourhoods of points, at several scales.
 
-Scales go by hops. One hop: a point's `NEIGHBOURS` nearest points. Two: the neighbourhoods of these
-together, as one distribution, which reaches twice as far without a second search; and so on. The
-clean cloud needs the first, noise the last.
+A scale is a number of hops. At one hop a neighbourhood is the `NEIGHBOURS` nearest points of a
+point. At two hops it is the neighbourhoods of all of these, taken as one distribution of points;
+it reaches twice as far without a second search. More hops go on likewise. The planes of few hops
+keep the details of a clean cloud, and those of many hops average noise out.
 """
 
 from __future__ import annotations
@@ -17,18 +18,20 @@ from scipy.spatial import KDTree
 from baselines.eigenpairs import smallest_eigenpairs
 from data_prep.arrays import Floats
 
-NEIGHBOURS = 10  # of a point, itself among them; that of the paper's reconstruction
-_UPPER = np.triu_indices(3)
+# Points of a neighbourhood at one hop, the point itself included. The paper's reconstruction
+# estimates normals from as many.
+NEIGHBOURS = 10
+_UPPER = np.triu_indices(3)  # rows and columns of the upper triangle of a 3x3 matrix
 
 
 @dataclass(frozen=True, eq=False)
 class Planes:
-    """The planes of the neighbourhoods of N points, at one scale.
+    """The planes fitted to the neighbourhoods of N points, at one scale.
 
-    normals    [N, 3]: unit vectors of either sign
-    variation  [N]: surface variation: the smallest of the three eigenvalues of the covariance over
-               their sum (Pauly, Gross and Kobbelt 2002), 0..1/3
-    flattened  [N, 3]: the points moved onto their planes
+    normals    [N, 3]: unit vectors, whose signs are arbitrary
+    variation  [N]: the surface variation of Pauly, Gross and Kobbelt 2002: the smallest eigenvalue
+               of the neighbourhood's covariance divided by the sum of the three, 0 (flat) to 1/3
+    flattened  [N, 3]: each point projected onto its plane
     """
 
     normals: Floats
@@ -37,15 +40,18 @@ class Planes:
 
 
 def fit_planes(place: Floats, hops: Sequence[int], workers: int = 1) -> Iterator[Planes]:
-    """Yield the planes of points [N, 3], N > 0, for each number of hops; those ascend.
+    """Yield the planes of points [N, 3], N > 0, for each number of hops.
 
-    `workers` threads search for neighbours. Of a single place any vector is as good a normal as
-    another: the result is finite, and variation 0.
+    hops     ascending numbers of at least 1
+    workers  threads that search for neighbours
+
+    Where all points of a neighbourhood coincide, every plane fits: the normal is an arbitrary unit
+    vector, and the variation is 0.
     """
-    # Of a mixture of distributions the mean is the mean of the means, and so are second moments:
-    # a hop is one product with the sparse matrix that averages over neighbours. Moments about the
-    # cloud's middle, so that covariances do not drown in a distant cloud's coordinates; the median,
-    # so that one outlier does not take the middle along.
+    # The first and second moments of a mixture of distributions are the means of theirs, so a hop
+    # is one product with the sparse matrix that averages over neighbours. Coordinates are relative
+    # to the cloud's median: far from the origin, covariances would be lost in rounding errors, and
+    # a mean would follow a single outlier.
     local = place - np.median(place, axis=0)
     average = _average(place, workers)
     moments = np.concatenate([local, _products(local)], axis=1)
@@ -63,10 +69,11 @@ def fit_planes(place: Floats, hops: Sequence[int], workers: int = 1) -> Iterator
 
 
 def _average(place: Floats, workers: int) -> csr_array:
-    """Return the matrix [N, N] that averages over each point's neighbours."""
-    # Split in the middle, not at the median: where that is exactly 0 (half of a cloud in one
-    # plane), SciPy 1.17 steps to the next number, which is denormal. Inside a training
-    # (`learning.training_loop.denormals_flushed`) that is 0 again, and so on without end.
+    """Return the sparse matrix [N, N] that averages values over each point's neighbours."""
+    # The tree splits boxes in the middle and not at the median of their points. Where the median is
+    # exactly 0 (half of a cloud lies in one plane), SciPy 1.17 splits at the next larger number,
+    # which is denormal. A training flushes denormal numbers to 0
+    # (`learning.training_loop.denormals_flushed`), and SciPy would search without end.
     tree = KDTree(place, balanced_tree=False)
     count = min(NEIGHBOURS, len(place))
     _, neighbours = tree.query(place, k=count, workers=workers)
@@ -76,6 +83,6 @@ def _average(place: Floats, workers: int) -> csr_array:
 
 
 def _products(vectors: Floats) -> Floats:
-    """Return upper triangles [n, 6] of the products v v^T of vectors [n, 3]."""
+    """Return the upper triangles [n, 6] of the matrices v v^T of vectors v, [n, 3]."""
     rows, columns = _UPPER
     return vectors[:, rows] * vectors[:, columns]

@@ -1,8 +1,9 @@
-"""The ceiling and the floors: methods that show both ends of every metric's scale.
+"""The reference methods: what a perfect method scores, and two that do not look at the cloud.
 
-`Constant` is a second floor, higher than white: the one image with the highest mean SSIM. A method
-that scores below it has not shown that it looked at the cloud. The image is `constant.png`, fitted
-to procedural training chairs (docs/maintaining.md, "Weights").
+`TrueMesh` renders the mesh that the cloud was sampled from, `Blank` draws white images. `Constant`
+draws one and the same image for every cloud, the one with the highest mean SSIM on the training
+set; a method that scores lower has not shown that it looked at the cloud. The image is `constant.png`,
+fitted to procedural training chairs (docs/maintaining.md, "Weights").
 """
 
 from __future__ import annotations
@@ -25,35 +26,40 @@ CONSTANT_IMAGE = Path(__file__).with_name("constant.png")
 
 @dataclass(frozen=True)
 class TrueMesh:
-    """A method that renders the mesh of the cloud: the ground truth, bit for bit.
+    """A method that renders the mesh that the cloud was sampled from.
 
-    coloured  whether the mesh has its own colours; in neutral grey it is the most that a method
-              without colour can reach
+    coloured  whether the mesh keeps its colours. Then the images equal the ground truth, bit for
+              bit; in neutral grey they are the best that a method without colours can draw
     """
 
     coloured: bool = True
 
     def prepare(self, cloud: PointCloud, rng: np.random.Generator | None = None) -> Mesh:
-        """Return the cloud's source mesh, in its colours or in grey.
+        """Return the mesh that the cloud was sampled from, in its colours or in neutral grey.
 
-        Raises StageFailure("input", ...) for a cloud without one.
+        Raises StageFailure("input", ...) for a cloud that was not sampled from a mesh.
         """
         del rng
         if cloud.source is None:
-            raise StageFailure("input", "the cloud's mesh is not known")
+            raise StageFailure(
+                "input", "the cloud was not sampled from a known mesh; draw objects of a dataset"
+            )
         return cloud.source if self.coloured else grey(cloud.source)
 
     def draw(
         self, state: Mesh, views: Sequence[View], rng: np.random.Generator | None = None
     ) -> Images:
-        """Render the mesh."""
+        """Return images of the mesh, float32 [V, IMAGE_SIZE, IMAGE_SIZE, 3] in 0..1."""
         del rng
         return to_float(render(state, views))
 
 
 @dataclass(frozen=True, eq=False)
 class Constant:
-    """A method that draws `image`, uint8 [IMAGE_SIZE, IMAGE_SIZE, 3], for any cloud."""
+    """A method that draws the same image for every cloud and view.
+
+    image  uint8 [IMAGE_SIZE, IMAGE_SIZE, 3]
+    """
 
     image: NDArray[np.uint8]
 
@@ -70,7 +76,7 @@ class Constant:
 
 
 class Blank(Constant):
-    """A method that draws white images for any cloud."""
+    """A method that draws a white image for every cloud and view."""
 
     def __init__(self) -> None:
         super().__init__(blank(1)[0])

@@ -4,21 +4,23 @@ No surface is reconstructed and nothing is trained. Grossman and Dally (Point sa
 1998) and Marroquim, Kraus and Cavalcanti (Efficient point-based rendering using image
 reconstruction, 2007) fill the gaps between projected points from coarser images:
 
-Samples  The nearest point of each pixel, as bright as its normal says: the light of the scene
-         shines along the view. Normals are those of the points' neighbourhoods. A sample weighs the
-         more the more it faces the camera.
-Hidden   A point is hidden where the nearer ones close in on it: where the image of nearness,
-         dilated and eroded by some spacings of the points, is nearer than it.
-Pull     Coarser and coarser images, each pixel the mean of its samples, until none is empty.
-Push     From the coarsest to the finest, a pixel whose samples weigh less than 1 takes the rest
-         from the coarser one.
-Outline  The pixels that a disc beside the points cannot reach, likewise (an alpha shape in the
-         image), eroded by somewhat less, for the last points lie within the outline. Its edge is a
-         pixel wide.
+Samples  Each pixel shows the nearest point that falls into it, shaded by the point's normal, which
+         is that of the plane of its neighbourhood; the light shines along the view. The more a
+         sample faces the camera, the more it weighs.
+Hidden   Points nearer to the camera hide those behind them, also between the pixels that they fall
+         into: the depth image is dilated and then eroded by some spacings of the points, and a
+         point that lies behind the result is hidden.
+Pull     Images of half, a quarter, ... of the size are made, in which a pixel is the weighted mean
+         of the samples below it, until no pixel is empty.
+Push     From the coarsest image to the finest, a pixel whose samples weigh less than 1 takes the
+         rest from the next coarser image.
+Outline  The object covers all pixels that a disc outside cannot reach without covering a point (an
+         alpha shape in the image). The outline is moved outwards by a margin, because the outermost
+         points lie inside the object. Its edge is a pixel wide.
 
-Noisy points, by the estimate of `baselines.reconstruction.denoised`, are first moved onto planes of
-their neighbourhoods, and the sparsest left out. How the constants were chosen:
-docs/reconstruction-constants.md at commit d75c6426.
+Points that are noisy by the estimate of `baselines.reconstruction.denoised` are first moved onto
+the planes of their neighbourhoods, and those in the sparsest places are left out. How the constants
+were chosen: docs/reconstruction-constants.md at commit d75c6426.
 """
 
 from __future__ import annotations
@@ -47,22 +49,32 @@ from data_prep.clouds.sampling import random_rows
 from data_prep.rendering.camera import CAMERA_DISTANCE, FOCAL_PX, camera_to_world, project
 from data_prep.scene import IMAGE_SIZE, NEUTRAL_GREY, Images, PointCloud, View
 
-GAMMA = 2.2  # of the scene's shading: data_prep/rendering/mesh.frag
-MOST_POINTS = 8192  # that are drawn; of more, a random subset
-HOPS = 4  # of the neighbourhoods that normals are those of
-_ROUNDS = 2  # of smoothing
-SMOOTHING, FEWEST_HOPS, MOST_HOPS = 4.0, 2, 12  # hops for a noise of one spacing
-_CLOSING = 1.5  # radius of the disc that closes the outline, in spacings of the points
-MARGIN = 0.25  # of the outline about the outermost points, in spacings
-_COVERING = 1.5  # reach of what hides, in spacings
-BEHIND = 0.5  # depth from which on a point is hidden, in spacings
-LEAST_SHARE = 1e-3
-SHARE = 0.25  # of a pixel that a sample facing the camera fills: four neighbours fill one
+# A spacing is the median distance between neighbouring points (`stages.spacing`).
+GAMMA = 2.2  # exponent between brightness and cosine, as in data_prep/rendering/mesh.frag
+MOST_POINTS = 8192  # points that are drawn; of a larger cloud a random subset
+HOPS = 4  # size of the neighbourhoods whose planes give the normals (`baselines.neighbourhoods`)
+_ROUNDS = 2  # times that noisy points are moved onto planes
+# Planes that noisy points are moved onto have SMOOTHING hops where the standard deviation of the
+# noise is one spacing. Their number grows with its square, within these bounds.
+SMOOTHING, FEWEST_HOPS, MOST_HOPS = 4.0, 2, 12
+_CLOSING = 1.5  # spacings: radius of the disc that outlines the points
+MARGIN = 0.25  # spacings: how far the outline lies outside of the outermost points
+_COVERING = 1.5  # spacings: how far around itself, in the image, a point hides others
+BEHIND = 0.5  # spacings: a point farther than this behind the points that hide it is not drawn
+LEAST_SHARE = 1e-3  # smallest weight of a sample that is not hidden, however oblique it is
+SHARE = 0.25  # weight of a sample that faces the camera: four such samples fill a pixel
+_NEAREST_DEPTH = 0.05 * CAMERA_DISTANCE  # points nearer to the camera than this are not drawn
 
 
 @dataclass(frozen=True, eq=False)
 class _OrientedPoints:
-    """Points [N, 3] with unit normals [N, 3] of either sign, their spacing, and notes."""
+    """The points of a cloud that are drawn, with their normals.
+
+    points   [N, 3], smoothed where the cloud is noisy
+    normals  [N, 3], unit vectors of either sign
+    spacing  the median distance between neighbours, before smoothing
+    notes    what was done to the cloud, for the user
+    """
 
     points: Floats
     normals: Floats
@@ -72,10 +84,12 @@ class _OrientedPoints:
 
 @dataclass(frozen=True)
 class SplatFill:
-    """A renderer by projected points and pull-push, in neutral grey."""
+    """A renderer that fills the gaps between projected points by pull and push, in neutral grey."""
 
     def prepare(self, cloud: PointCloud, rng: np.random.Generator | None = None) -> _OrientedPoints:
-        """Smooth noisy points and find the normals; no randomness, and no order of the points.
+        """Return the points, smoothed where they are noisy, with their normals.
+
+        `rng` is not used, and the order of the points does not matter.
 
         Raises StageFailure("input", ...) for an empty cloud or a non-finite point.
         """
@@ -101,7 +115,10 @@ class SplatFill:
         rng: np.random.Generator | None = None,
         size: int = IMAGE_SIZE,
     ) -> Images:
-        """Project and fill the points, in images [V, size, size, 3]; no randomness."""
+        """Return filled images of the points, float32 [V, size, size, 3] in 0..1.
+
+        `rng` is not used.
+        """
         del rng
         images = np.empty((len(views), size, size, 3), np.float32)
         for i, view in enumerate(views):
@@ -123,17 +140,27 @@ def _paint(state: _OrientedPoints, view: View, size: int) -> tuple[Floats, Float
     if not np.isfinite(depth).any():
         return np.zeros(depth.shape), np.ones(depth.shape)
     zoom = size / IMAGE_SIZE
-    between, most = zoom * state.spacing * FOCAL_PX / CAMERA_DISTANCE, zoom * MAX_RADIUS_PX
-    covered = _outline(np.isfinite(depth), min(_CLOSING * between, most), MARGIN * between)
-    shown = _visible(depth, min(_COVERING * between, most), BEHIND * state.spacing)
-    # Obliquely a patch covers few pixels, and most oblique normals are wrong ones, of edges. Never
-    # nothing: an image of oblique points alone has to be filled too.
+    spacing_px = zoom * state.spacing * FOCAL_PX / CAMERA_DISTANCE
+    largest_px = zoom * MAX_RADIUS_PX
+    closing_px = min(_CLOSING * spacing_px, largest_px)
+    covered = _outline(np.isfinite(depth), closing_px, MARGIN * spacing_px)
+    covering_px = min(_COVERING * spacing_px, largest_px)
+    shown = _visible(depth, covering_px, BEHIND * state.spacing)
+    # Oblique samples weigh little: seen obliquely a patch of the surface covers few pixels, and
+    # most oblique normals are wrong ones, at edges. But they weigh something, because an image of
+    # nothing but oblique samples has to be filled, too.
     weight = np.where(shown, np.maximum(SHARE * cosine, LEAST_SHARE), 0.0)
-    return covered, _pull_push(NEUTRAL_GREY[0] / 255 * cosine ** (1 / GAMMA), weight)
+    grey = NEUTRAL_GREY[0] / 255 * cosine ** (1 / GAMMA)
+    return covered, _pull_push(grey, weight)
 
 
 def _smoothed(points: Floats, noise: float, between: float) -> Floats:
-    hops = int(np.clip(round(SMOOTHING * (noise / between) ** 2), FEWEST_HOPS, MOST_HOPS))
+    """Return points [N, 3] moved onto planes, without those in the sparsest places, [M, 3].
+
+    `noise` is its standard deviation, `between` the spacing of the points.
+    """
+    wanted = round(SMOOTHING * (noise / between) ** 2)
+    hops = min(max(wanted, FEWEST_HOPS), MOST_HOPS)
     for _ in range(_ROUNDS):
         (planes,) = fit_planes(points, (hops,))
         points = planes.flattened
@@ -141,14 +168,15 @@ def _smoothed(points: Floats, noise: float, between: float) -> Floats:
 
 
 def _nearest(state: _OrientedPoints, view: View, size: int) -> tuple[Floats, Floats]:
-    """Return depth and cosine of the nearest point of each pixel; depth is inf without one.
+    """Return depth and cosine [size, size] of the nearest point in each pixel.
 
-    The cosine is that of the angle between normal and line of sight.
+    The cosine is that of the angle between the point's normal and the axis of view. A pixel without
+    a point has an infinite depth and the cosine 1.
     """
     pixels, depth = project(state.points, view)
     pixels *= size / IMAGE_SIZE
     within = ((pixels >= 0) & (pixels < size)).all(axis=1)
-    seen = np.flatnonzero((depth > 0.05 * CAMERA_DISTANCE) & within)
+    seen = np.flatnonzero((depth > _NEAREST_DEPTH) & within)
     order = seen[np.argsort(-depth[seen], kind="stable")]  # the nearest is written last
     column, row = pixels[order].astype(np.intp).T
     cosine = np.abs(state.normals[order] @ camera_to_world(view)[:3, 2]).clip(0, 1)
@@ -162,10 +190,13 @@ def _nearest(state: _OrientedPoints, view: View, size: int) -> tuple[Floats, Flo
 def _outline(occupied: NDArray[np.bool_], radius: float, margin: float) -> Floats:
     """Return how much of each pixel [S, S] lies within the outline of the occupied ones, 0..1.
 
-    The outline is `margin` beyond what a disc of `radius`, both in pixels, cannot reach.
+    The pixels within are those that a disc cannot reach without covering an occupied pixel; the
+    outline lies a margin outside of them.
+
+    radius, margin  in pixels
     """
     radius = max(radius, 1.0)
-    margin = min(max(margin, 0.5), radius)  # a lone point is a pixel
+    margin = min(max(margin, 0.5), radius)  # so that a point far from all others covers a pixel
     border = int(np.ceil(radius)) + 1
     empty = np.pad(~occupied, border, constant_values=True)
     near = ndimage.distance_transform_edt(empty) <= radius
@@ -174,10 +205,10 @@ def _outline(occupied: NDArray[np.bool_], radius: float, margin: float) -> Float
 
 
 def _visible(depth: Floats, reach: float, tolerance: float) -> NDArray[np.bool_]:
-    """Return where the points of a depth image [S, S] (inf: none) are not hidden by nearer ones.
+    """Return in which pixels of a depth image [S, S] there is a point that nearer ones do not hide.
 
-    Hidden is a point that lies `tolerance` behind what nearer points close when they are dilated
-    and eroded by `reach` pixels.
+    A depth of inf says that a pixel has no point. The depth image is dilated and eroded by `reach`
+    pixels; what lies more than `tolerance` behind the result is hidden.
     """
     border = int(np.ceil(max(reach, 1.0)))
     side, far = 2 * border + 1, np.finfo(np.float64).max
@@ -187,17 +218,20 @@ def _visible(depth: Floats, reach: float, tolerance: float) -> NDArray[np.bool_]
 
 
 def _pull_push(values: Floats, weights: Floats) -> Floats:
-    """Return an image [S, S] that keeps values of weight 1 and fills the others from coarser ones.
+    """Return an image [S, S] whose pixels of weight below 1 are filled up from coarser images.
 
-    Weights are in 0..1, and one of them at least is above 0. What a weight lacks to 1 comes from
-    the coarser image.
+    values   [S, S]
+    weights  [S, S], 0..1: the share of a value in its pixel; the rest comes from the coarser image.
+             At least one is above 0
     """
     size = len(values)
-    beyond = (1 << (size - 1).bit_length()) - size  # to a power of two, with nothing there
+    power_of_two = 1 << (size - 1).bit_length()
+    beyond = power_of_two - size  # empty pixels, so that every size can be halved
     levels = [(np.pad(values * weights, (0, beyond)), np.pad(weights, (0, beyond)))]
     while len(levels[-1][0]) > 1:
-        total, weight = (_sums_of_four(part) for part in levels[-1])
-        scale = 1 / np.maximum(weight, 1.0)  # no pixel is more than full
+        finer_total, finer_weight = levels[-1]
+        total, weight = _sums_of_four(finer_total), _sums_of_four(finer_weight)
+        scale = 1 / np.maximum(weight, 1.0)  # weights end at 1, where a pixel is full
         levels.append((total * scale, weight * scale))
     total, weight = levels.pop()
     image = total / weight
@@ -207,6 +241,7 @@ def _pull_push(values: Floats, weights: Floats) -> Floats:
 
 
 def _sums_of_four(image: Floats) -> Floats:
+    """Return an image of half the side whose pixels are the sums of 2 x 2 pixels."""
     half = len(image) // 2
     return image.reshape(half, 2, half, 2).sum(axis=(1, 3))
 

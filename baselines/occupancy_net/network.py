@@ -1,9 +1,11 @@
-"""The network: features of points on three planes, a U-Net over them, a perceptron for each place.
+"""The network of occupancy-net: it tells how likely a place lies inside the object of a cloud.
 
-After the convolutional occupancy networks of Peng et al. 2020 (arXiv 2003.04618) with three planes.
-Ours differ in four ways: places are given with sines and cosines at the width of a cell, points of
-a cell are averaged, the U-Net adds its skips and knows which plane it sees, and its coarsest level
-has a code of the whole cloud.
+Features of points are projected onto three planes, a U-Net goes over the planes, and a perceptron
+answers for each place by the features of the planes there. These are the convolutional occupancy
+networks of Peng et al. 2020 (arXiv 2003.04618) with three planes, changed in four ways. Places are
+given with sines and cosines whose wavelengths are one cell and half a cell. The features of the
+points in a cell are averaged. The U-Net adds features of the way down to those of the way up, and
+learns a bias for each plane. Its coarsest level also gets a code of the whole cloud.
 """
 
 from __future__ import annotations
@@ -16,12 +18,12 @@ import torch
 from torch import Tensor, nn
 from torch.nn import functional
 
-HALF_EXTENT = (
-    1.1  # of the box that the planes cover, as in the paper; points beyond are at its edge
-)
-AXES = ((0, 1), (2, 1), (0, 2))  # of the planes: from the front, from the side, from above
-_FREQUENCIES = (1, 2)  # periods of the sines in a cell
-_NODES_TOGETHER = 2**11  # their features stay in a processor's cache
+# Half the side of the box, about the origin, that the planes cover: the paper's 10 % more than the
+# unit sphere. Points outside are put into the outermost cells.
+HALF_EXTENT = 1.1
+AXES = ((0, 1), (2, 1), (0, 2))  # columns and rows of the planes: seen from front, side and above
+_FREQUENCIES = (1, 2)  # periods, for each cell, of the sines and cosines of a place
+_NODES_TOGETHER = 2**11  # nodes computed at a time: their features fit into a processor's cache
 
 
 @dataclass(frozen=True)
@@ -29,10 +31,10 @@ class OccupancyConfig:
     """The sizes of a network.
 
     resolution  cells along a side of each plane, a multiple of 2 ** (len(widths) - 1)
-    widths      channels of the U-Net, from the finest level; the first is that of the planes
-    rounds      times that points see the mean of their cells
-    hidden      channels of the perceptron
-    blocks      its residual blocks
+    widths      channels of the U-Net at each level, from the finest, which is that of the planes
+    rounds      how often the features of a point are computed anew from the means of its cells
+    hidden      channels of the perceptron for a place
+    blocks      number of its residual blocks
     """
 
     resolution: int = 64
@@ -61,24 +63,26 @@ class _ResidualLayers(nn.Module):
 
 
 class Cells:
-    """The cells of the planes that points lie in.
+    """The cells of the three planes that the points of B clouds lie in.
 
-    points [B, N, 3]; index [3, B * N] into the cells of all planes, B * 3 * R * R.
+    points      [B, N, 3]
+    resolution  cells along a side of a plane, R
+
+    index   [3, B * N]: for each plane, the cells of the points, as numbers of all B * 3 * R * R
+    total   the number of all cells
+    counts  [total]: the points of each cell
     """
 
     def __init__(self, points: Tensor, resolution: int) -> None:
         batch, count, _ = points.shape
         place = (points / HALF_EXTENT + 1) * (resolution / 2)
         cell = place.clamp(0, resolution - 1).long()
-        start = torch.arange(batch, device=points.device)[:, None] * len(AXES)
-        self.index = torch.stack(
-            [
-                (
-                    ((start + plane) * resolution + cell[..., v]) * resolution + cell[..., u]
-                ).flatten()
-                for plane, (u, v) in enumerate(AXES)
-            ]
-        )
+        first_plane = torch.arange(batch, device=points.device)[:, None] * len(AXES)
+        index = []
+        for plane, (u, v) in enumerate(AXES):
+            row = (first_plane + plane) * resolution + cell[..., v]
+            index.append((row * resolution + cell[..., u]).flatten())
+        self.index = torch.stack(index)
         self.total = batch * len(AXES) * resolution**2
         ones = torch.ones(batch * count, device=points.device)
         self.counts = torch.zeros(self.total, device=points.device)
@@ -86,21 +90,27 @@ class Cells:
             self.counts.index_add_(0, index, ones)
 
     def means(self, features: Tensor) -> Tensor:
-        """Return the mean features [cells, C] of the points [B * N, C] of each cell; 0 of none."""
+        """Return the mean [total, C] over each cell of features [B * N, C] of points.
+
+        It is 0 in a cell without points.
+        """
         sums = features.new_zeros(self.total, features.shape[1])
         for index in self.index:
             sums = sums.index_add(0, index, features)
         return sums / self.counts.clamp(min=1)[:, None].to(features.dtype)
 
     def around(self, features: Tensor) -> Tensor:
-        """Return the sum over the planes of the means that each point lies in, [B * N, C]."""
+        """Return for each point the sum of the means of its cells on the three planes, [B * N, C].
+
+        features  [B * N, C] of the points
+        """
         means = self.means(features)
         first, second, third = (means.index_select(0, index) for index in self.index)
         return first + second + third
 
 
 class _PlaneNetwork(nn.Module):
-    """A U-Net over planes [B * 3, C, R, R], whose skips are added."""
+    """A U-Net over planes [B * 3, C, R, R]; features of the way down are added on the way up."""
 
     def __init__(self, widths: tuple[int, ...]) -> None:
         super().__init__()
@@ -134,7 +144,7 @@ class _PlaneNetwork(nn.Module):
 
 
 class OccupancyNet(nn.Module):
-    """A network that tells how likely places lie inside the object of a cloud."""
+    """A network that tells how likely a place lies inside the object of a cloud."""
 
     def __init__(self, config: OccupancyConfig = DEFAULT) -> None:
         super().__init__()
@@ -155,11 +165,11 @@ class OccupancyNet(nn.Module):
         self.answer = nn.Linear(config.hidden, 1)
 
     def forward(self, points: Tensor, places: Tensor) -> Tensor:
-        """Return logits [B, Q] of places [B, Q, 3] in the clouds of points [B, N, 3]."""
+        """Return logits [B, Q] of being inside, for places [B, Q, 3] and clouds [B, N, 3]."""
         return self.occupancy(self.encode(points), places)
 
     def encode(self, points: Tensor) -> Tensor:
-        """Return the planes [B * 3, C, R, R] of clouds [B, N, 3]."""
+        """Return planes of features [B * 3, C, R, R] of clouds [B, N, 3]."""
         resolution = self.config.resolution
         cells = Cells(points, resolution)
         x = self.start(self.enter(self.waves(points).flatten(0, 1)))
@@ -169,7 +179,7 @@ class OccupancyNet(nn.Module):
         return self.planes(means.view(-1, resolution, resolution, x.shape[1]).permute(0, 3, 1, 2))
 
     def occupancy(self, planes: Tensor, places: Tensor) -> Tensor:
-        """Return logits [B, Q] of places [B, Q, 3], from the planes of `encode`."""
+        """Return logits [B, Q] of being inside, for places [B, Q, 3] and planes of `encode`."""
         at = torch.stack([places[..., list(axes)] for axes in AXES], dim=1) / HALF_EXTENT
         features = functional.grid_sample(
             planes.to(places.dtype),
@@ -182,22 +192,25 @@ class OccupancyNet(nn.Module):
         return self.answer(self.blocks(x).relu())[..., 0]
 
     def on_grid(self, planes: Tensor) -> GridOccupancy:
-        """Return the occupancy on nodes of grids, from the planes of `encode` of one cloud."""
+        """Return the occupancy on nodes of grids, for planes of `encode` of one cloud."""
         return GridOccupancy(self, planes)
 
     def waves(self, places: Tensor) -> Tensor:
-        """Return places [..., n] with sines and cosines at the width of a cell, [..., 5 n]."""
+        """Return coordinates [..., n] followed by their sines and cosines, [..., 5 n]."""
         turn = places * (math.pi * self.config.resolution / HALF_EXTENT)
-        waves = [f(turn * k) for k in _FREQUENCIES for f in (torch.sin, torch.cos)]
-        return torch.cat([places, *waves], dim=-1)
+        parts = [places]
+        for frequency in _FREQUENCIES:
+            parts += [torch.sin(turn * frequency), torch.cos(turn * frequency)]
+        return torch.cat(parts, dim=-1)
 
 
 class GridOccupancy:
-    """The network on the nodes of cubic grids over the box: what it gives there, in half the time.
+    """The network on the nodes of cubic grids over the box, in half the time of `occupancy`.
 
-    A node's features are sums over planes and axes, and nodes share them: the first layers are
-    applied once to the planes, and to each axis, of a grid. What is left for a node is to add three
-    rows of a table, and the blocks of the perceptron.
+    The features that enter the perceptron are a sum of three parts, one for each plane, and nodes
+    in a line across a plane share its part. So the first layers are computed once for each plane of
+    a grid and kept in a table. For a node, three rows of the table are added, and the blocks of the
+    perceptron follow.
 
     planes  [3, C, R, R] of `OccupancyNet.encode`, of one cloud
     """
@@ -208,22 +221,30 @@ class GridOccupancy:
         self.planes = torch.einsum("pcvu,hpc->pvuh", planes.to(weight), weight).contiguous()
 
     def __call__(self, nodes: Tensor, cells: int) -> Tensor:
-        """Return logits [M] of nodes, int64 [3, M], on the CPU."""
+        """Return logits [M] of nodes, on the CPU.
+
+        nodes  int64 [3, M]: their numbers along x, y and z, 0..cells
+        cells  of the grid, along a side
+        """
         table = self._table(cells)
         side = cells + 1
-        rows = [(p * side + nodes[v]) * side + nodes[u] for p, (u, v) in enumerate(AXES)]
+        rows = [(plane * side + nodes[v]) * side + nodes[u] for plane, (u, v) in enumerate(AXES)]
         parts = torch.stack(rows, dim=1).split(_NODES_TOGETHER)
         return torch.cat([self._answer(table, part.to(table.device)) for part in parts]).cpu()
 
     def _table(self, cells: int) -> Tensor:
-        """Return what each plane adds to the features of a node, [3 * K * K, hidden]."""
+        """Return what each plane adds to the features of a node, [3 * K * K, hidden].
+
+        K is the number of nodes along a side, cells + 1.
+        """
         resolution = self.planes.shape[1]
         node = torch.arange(cells + 1).to(self.planes)
         place = (node * (resolution / cells) - 0.5).clamp(0, resolution - 1)
         low = place.long().clamp(max=resolution - 2)
         share = (place - low)[:, None, None]
         table = self.planes.new_empty(len(AXES), cells + 1, cells + 1, self.planes.shape[3])
-        # linear between the cells of a plane, down and across; one after the other, in the cache
+        # Bilinear interpolation between the cells of a plane: down, then across. The planes are
+        # taken one by one, so that each fits into a processor's cache.
         for plane, both in zip(self.planes, table, strict=True):
             down = plane.index_select(0, low).lerp_(plane.index_select(0, low + 1), share)
             torch.index_select(down, 1, low, out=both)
@@ -238,7 +259,7 @@ class GridOccupancy:
         return table.flatten(0, 2)
 
     def _answer(self, table: Tensor, rows: Tensor) -> Tensor:
-        """Return logits [M] of nodes, of which the features are sums of three rows [M, 3]."""
+        """Return logits [M] of nodes whose features are sums of three rows of the table, [M, 3]."""
         x = functional.embedding_bag(rows, table, mode="sum")
         for block in self.network.blocks:
             assert isinstance(block, _ResidualLayers)

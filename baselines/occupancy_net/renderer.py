@@ -1,4 +1,4 @@
-"""occupancy-net as a method of the benchmark: an occupancy on a grid, and its level set in grey."""
+"""occupancy-net as a method of the benchmark: its mesh is a level set of an occupancy."""
 
 from __future__ import annotations
 
@@ -12,12 +12,12 @@ from data_prep.scene import PointCloud
 from learning.exact import exact_inference
 from learning.weights import NetworkWeights
 
-MOST_POINTS = 2048  # as many as it was shown in training
-LEVEL = 0.4  # probability of being inside; chosen on validation objects
+MOST_POINTS = 2048  # points that the network is shown: the most that it saw in training
+LEVEL = 0.4  # probability of being inside at which the surface lies; best on validation objects
 
 
 class OccupancyNetRenderer(DrawsReconstruction):
-    """A `data_prep.scene.Renderer` of the surface that the network sees in a cloud.
+    """A `data_prep.scene.Renderer` of the surface that the network predicts for a cloud.
 
     weights  trained network of `baselines.occupancy_net.weights.load_weights`; moved to `device`
     device   PyTorch's name of the device
@@ -34,10 +34,11 @@ class OccupancyNetRenderer(DrawsReconstruction):
 
     @exact_inference()
     def prepare(self, cloud: PointCloud, rng: np.random.Generator | None = None) -> Reconstruction:
-        """Find the surface; no randomness, and the order of the points does not matter.
+        """Return the surface of a cloud; `rng` is not used, nor does the points' order matter.
 
-        Raises StageFailure: `input` (no point is in sight, or one is not finite), `occupancy` (a
-        value is not finite) or `marching-cubes` (nothing is inside).
+        Raises StageFailure at the stage `input` (no point is nearer than the camera, or one is not
+        finite), `occupancy` (the network gives a value that is not finite) or `marching-cubes` (no
+        place is likely enough to be inside).
         """
         del rng
         points, notes = used_points(cloud, 1, MOST_POINTS, "occupancy networks")

@@ -1,7 +1,8 @@
-"""Training of the network: degraded clouds, and labels of places near their surface and elsewhere.
+"""Training of occupancy-net: it learns to tell whether places are inside the object of a cloud.
 
-Clouds, noise and the course of the learning rate are those of splat-net. The loss is the cross
-entropy of the labels.
+The places are near the surface and elsewhere in the box, and their labels are known. The loss is
+the cross entropy of the labels. Clouds are degraded, and the learning rate falls, as in the
+training of splat-net.
 """
 
 from __future__ import annotations
@@ -24,8 +25,9 @@ from learning import training_loop
 from learning.clouds import degrade
 from learning.trainer import CooledTrainer
 
-PLACES = 2048  # of an object in a step
-SHEET_CLOUDS, SHEET_CELLS = 8, 64
+PLACES = 2048  # places of each object that a step learns from
+SHEET_CLOUDS = 8  # objects on a sheet of progress, at most
+SHEET_CELLS = 64  # cells along a side of the grid that shows an object there
 
 
 class OccupancyNetTrainer(CooledTrainer):
@@ -43,7 +45,7 @@ class OccupancyNetTrainer(CooledTrainer):
         self.build(training_loop.seeded(config.seed, lambda: OccupancyNet(config.network)))
 
     def take_step(self) -> dict[str, Tensor]:
-        """Take a step and return the loss, and the share of places on the wrong side."""
+        """Take a step and return the loss, and the share of places that got the wrong answer."""
         points, places, inside = self._draw_batch()
         with self.autocast():
             logits = self.network(points, places)
@@ -54,9 +56,11 @@ class OccupancyNetTrainer(CooledTrainer):
 
     @torch.no_grad()
     def sheet(self) -> NDArray[np.uint8]:
-        """Return columns of objects: their points from the front, and the averaged network's shape.
+        """Return an image with a column for each object: its points, and the predicted shape.
 
-        The shape is the highest probability along the depth; clouds are whole and without noise.
+        Both are seen from the front. A pixel of the shape is as dark as the highest probability of
+        being inside along the depth. Clouds are whole and without noise, the network is the
+        averaged one.
         """
         count = min(SHEET_CLOUDS, len(self.clouds))
         points = self.clouds[torch.arange(count) * len(self.clouds) // count].to(self.device)
@@ -74,11 +78,11 @@ class OccupancyNetTrainer(CooledTrainer):
         return (rows * 255).round().byte()[..., None].expand(-1, -1, 3).cpu().numpy()
 
     def _draw_batch(self) -> tuple[Tensor, Tensor, Tensor]:
-        """Return points [B, N, 3] of objects, places [B, Q, 3], and 1 for those inside [B, Q]."""
+        """Return clouds [B, N, 3], places [B, Q, 3], and labels [B, Q]: 1 inside, 0 outside."""
         count, queries = self.inside.shape
         objects = torch.randint(count, (self.config.batch,), generator=self.random)
         mirrored = torch.rand(self.config.batch, generator=self.random) < 0.5
-        # the places of an object are in random order: any run of them is a random choice
+        # An object's places are in random order, so any sequence of them is a random choice.
         taken = min(PLACES, queries)
         first = int(torch.randint(queries - taken + 1, (), generator=self.random))
         places = self.queries[objects, first : first + taken]

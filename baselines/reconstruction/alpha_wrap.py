@@ -31,24 +31,31 @@ from baselines.reconstruction.surface import NORMAL_NEIGHBOURS, reconstruction
 from data_prep.arrays import Floats
 from data_prep.scene import PointCloud, Points
 
-BALL = 2.0  # radius, in spacings of the cloud
-OFFSET = 0.14  # of the surface from the points, in spacings: a third of a pixel at 2,048 points
-_LEAST_OFFSET = FOOTPRINT / 4  # a line of points is a rod half a pixel thick
-# A triangle in place of each point, centred on it: CGAL ends the process on points alone.
+BALL = 2.0  # radius of the carving ball, in spacings of the cloud
+# Distance of the surface from the points, in spacings: a third of a pixel for 2,048 points.
+OFFSET = 0.14
+# The smallest distance of the surface from the points, a quarter of a pixel in unit-sphere units:
+# points on a line become a rod half a pixel thick.
+_LEAST_OFFSET = FOOTPRINT / 4
+# Corners [3, 3] of a tiny triangle about the origin. One is put in place of each point, because
+# CGAL ends the process where a mesh has no faces.
 SPECK = 1e-4 * np.array([[-1, -1, 0], [1, -1, 0], [0, 2, 0]]) / 2
 
 
 @dataclass(frozen=True)
 class AlphaWrap(DrawsReconstruction):
-    """The method on the points as they are; `ball` is a radius in spacings of the points."""
+    """The alpha wrap of the points as they are.
+
+    ball  radius of the carving ball, in spacings of the points
+    """
 
     ball: float = BALL
 
     def prepare(self, cloud: PointCloud, rng: np.random.Generator | None = None) -> Reconstruction:
-        """Wrap the points; no randomness, and the order of the points does not matter.
+        """Return the wrap of the points; `rng` is not used, and their order does not matter.
 
-        Raises StageFailure: `input` (fewer than 11 different points in sight, or a non-finite one)
-        or `alpha-wrap` (MeshLab refuses, or there is no face).
+        Raises StageFailure at the stage `input`, for fewer than 11 different points in sight and
+        for a non-finite one, or at `alpha-wrap`, where MeshLab refuses or gives no face.
         """
         del rng
         points, notes = used_points(cloud, NORMAL_NEIGHBOURS + 1, MOST_POINTS, "surfaces")
@@ -59,18 +66,19 @@ class AlphaWrap(DrawsReconstruction):
 
 @dataclass(frozen=True)
 class DenoisedWrap(DrawsReconstruction):
-    """The method on points smoothed as their noise asks for.
+    """The alpha wrap of points that are smoothed first, where they are noisy.
 
-    `strength` is a factor on the estimated noise, `ball` a radius in spacings of the cloud.
+    strength  factor on the estimated noise; 0 smooths nothing
+    ball      radius of the carving ball, in spacings of the points before they are smoothed
     """
 
     strength: float = 1.0
     ball: float = BALL
 
     def prepare(self, cloud: PointCloud, rng: np.random.Generator | None = None) -> Reconstruction:
-        """Smooth and wrap the points; no randomness, and their order does not matter.
+        """Return the wrap of the smoothed points; `rng` is not used, nor does their order matter.
 
-        Raises StageFailure as `AlphaWrap.prepare`.
+        Raises StageFailure as `AlphaWrap.prepare` does.
         """
         del rng
         clean = cleaned(cloud, self.strength)
@@ -81,14 +89,13 @@ class DenoisedWrap(DrawsReconstruction):
 def wrapped(points: Points | Floats, radius: float, offset: float) -> Reconstruction:
     """Return the wrap of points [N, 3], N > 0, in neutral grey.
 
-    The ball has `radius`, or a pixel's footprint where that is more, and the surface is at the
-    distance `offset`, or a quarter of a footprint where that is more.
+    radius  of the carving ball, in the units of the points; at least a pixel's footprint is used
+    offset  of the surface from the points, likewise; at least a quarter of a footprint is used
 
-    Raises StageFailure("alpha-wrap", ...) where MeshLab refuses or there is no face.
+    Raises StageFailure("alpha-wrap", ...) where MeshLab refuses or gives no face.
     """
     vertices = (points.astype(np.float64)[:, None] + SPECK).reshape(-1, 3)
     meshlab = MeshLab(vertices, faces=np.arange(len(vertices)).reshape(-1, 3))
-    run(
-        "alpha-wrap", lambda: meshlab.alpha_wrap(max(radius, FOOTPRINT), max(offset, _LEAST_OFFSET))
-    )
+    radius, offset = max(radius, FOOTPRINT), max(offset, _LEAST_OFFSET)
+    run("alpha-wrap", lambda: meshlab.alpha_wrap(radius, offset))
     return reconstruction("alpha-wrap", meshlab)

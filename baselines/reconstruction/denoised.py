@@ -1,11 +1,11 @@
-"""Noisy clouds before they are meshed: their noise is estimated, and smoothed as it asks for.
+"""Smoothing of noisy clouds before they are meshed, as strongly as their estimated noise requires.
 
-Noise below 0.55 spacings of the points that it is estimated from leaves the cloud as it is: clean
-clouds lose nothing. Above, points are projected twice onto height fields over as many neighbours
-as lie within three standard deviations of the noise. A third time, or a new search for neighbours
-in between, brings nothing but thinner ends: LPIPS on 26 validation objects is .004 (noise 5 %) and
-.007 (10 %) higher with both. Points that noise moved along the
-surface blur its outline: the sparsest are left out, a share that grows with the noise.
+A cloud whose noise is below 0.55 spacings of its points stays as it is, so that clean clouds lose
+nothing. In other clouds each point is projected twice onto a height field, which is fitted to as
+many neighbours as lie within three standard deviations of the noise. A third projection and a new
+search for neighbours in between only shorten thin parts: with both, LPIPS on 26 validation objects
+is .004 (noise of 5 %) and .007 (10 %) higher. Points that noise has moved along the surface blur
+its outline, so those in the sparsest places are left out, the more the stronger the noise is.
 
 Smoothing is moving least squares by iterated projection (Alexa et al., Computing and rendering
 point set surfaces, IEEE TVCG 9(1), 2003): each point moves along the normal of its neighbourhood
@@ -13,26 +13,27 @@ onto a height field of degree 2 over the neighbourhood's plane, fitted by weight
 jet: Cazals and Pouget, Estimating differential quantities using polynomial fitting of osculating
 jets, CAGD 22(2), 2005).
 
-The noise is estimated from the cloud alone. The k nearest points of each point have heights above
-their common plane, with a variance m2 and a
-kurtosis q. A thin plate of half thickness a, both sides of it sampled, with normal noise of
-standard deviation s has m2 = a^2 + s^2 and q = 3 - 2 (a^2 / m2)^2, which gives
+The noise is estimated from the cloud alone. A patch is the k nearest points of a point; let m2 be
+the variance, and q the kurtosis, of the heights of its points above their common plane. The
+difficulty is that a thin part, the back of a chair for example, is a plate with points on both
+sides, whose heights vary without any noise. For a plate of half thickness a, under normally
+distributed noise of standard deviation s, m2 = a^2 + s^2 and q = 3 - 2 (a^2 / m2)^2. This gives
 
     s^2 = m2 (1 - sqrt((3 - q) / 2))
 
-so that a chair's clean back, which is a plate and no plane, does not count as noise: without noise
-q is 1, without thickness 3. q is the median over all patches, m2 a lower quantile, for rods and
-edges are no plates. Three facts about patches decide the rest:
+where q is 1 for a plate without noise, and 3 for noise without thickness. As q the median of all
+patches is taken, and as m2 a lower quantile, because the patches of rods and edges are no plates.
+Three corrections follow:
 
-Few   Of 24 to 192 heights about their own plane, in a ball, the kurtosis of normal noise is 2.5 in
-      the median: this takes the place of 3.
-Cut   A patch is a ball of radius r and cuts the noise off. The variance of a normal distribution in
-      such a ball is an integral; `_SEEN` inverts it, as long as r is well above s.
-Size  On a curved surface the residual grows with the patch; under noise it does not. The smallest
-      of the patches (k = 24, 48, 96, 192) whose estimate is at most 0.27 of its radius is taken, or
-      the largest; under strong noise that is a large one, on a clean cloud the smallest.
+Few   A patch has only 24 to 192 points, and its plane is fitted to them. The median kurtosis of
+      pure noise is then 2.5, which takes the place of 3.
+Cut   A patch is a ball of radius r, which cuts the noise off. The variance of a normal distribution
+      within such a ball is an integral; the table `_SEEN` inverts it where r is well above s.
+Size  On a curved surface heights grow with the patch, while noise does not. So of the patches with
+      k = 24, 48, 96 and 192 the smallest is taken whose estimate is at most 0.27 of its radius, or
+      else the largest. On a clean cloud that is the smallest, under strong noise a large one.
 
-The patches are those of at most 2,048 points.
+Only the patches of at most 2,048 points are used.
 
 How the constants were chosen: docs/reconstruction-constants.md at commit d75c6426.
 """
@@ -52,33 +53,45 @@ from data_prep.arrays import Floats
 from data_prep.clouds.sampling import random_rows
 from data_prep.scene import PointCloud, Points
 
-MOST_POINTS = 8192  # that are wrapped; of more, a random subset
-NOISY = 0.55  # spacings of the points that the noise is estimated from
-_PATCH = 3.0  # radius of the neighbourhood, in standard deviations of the noise
-_FEWEST, _MOST = 48, 256  # neighbours: six numbers are fitted to them
-_ROUNDS = 2
+MOST_POINTS = 8192  # points that are meshed; of a larger cloud a random subset
+
+# Smoothing.
+NOISY = 0.55  # noise from which on a cloud is smoothed, in spacings of the sampled points
+_PATCH = 3.0  # radius of the neighbourhood of a fit, in standard deviations of the noise
+_FEWEST, _MOST = 48, 256  # bounds of the neighbours of a fit, which has six coefficients
+_ROUNDS = 2  # times that each point is projected
+# The distance to so many-th neighbour tells how dense points are, and a share of the sparsest,
+# LEFT_OUT times the noise (in unit-sphere units) but at most MOST_LEFT_OUT, is left out.
 DENSITY_NEIGHBOURS = 24
-LEFT_OUT = 2.0  # share of the points for each unit of noise
+LEFT_OUT = 2.0
 MOST_LEFT_OUT = 0.3
-_SHARPNESS = 2.0  # a neighbour's weight is exp(-SHARPNESS (distance / that of the farthest)^2)
-_TERMS = 6  # of a polynomial of degree 2 in two variables
-_RIDGE = 1e-9  # keeps fits defined that the points do not determine: a line, few points
-_LEAST_POINTS = 30
-_SAMPLE = 2048  # points that the noise is estimated from: as many as the constants were chosen for
-_TOGETHER = 512
-_PATCHES = (24, 48, 96, 192)
-_LARGEST_SHARE = 8  # a patch is at most this part of the cloud, or the smallest
-_WIDE = 0.27  # the estimate over the radius of a patch that is wide enough
-_FLAT = 0.3  # the quantile of the patches' variances that is taken
-_NOISE_KURTOSIS, _PLATE_KURTOSIS = 2.5, 1.0
-_PLANE_FREEDOMS = 3  # of a fitted plane: so many of the residuals are not free
+# A neighbour's weight in a fit is exp(-_SHARPNESS * (its distance / that of the farthest)^2).
+_SHARPNESS = 2.0
+_TERMS = 6  # coefficients of a polynomial of degree 2 in two variables
+# Ridge of the least squares, relative to the sum of weights. It keeps a fit defined that the points
+# do not determine, as when they are few or lie on a line.
+_RIDGE = 1e-9
+_TOGETHER = 512  # patches that are computed together: they fit into a processor's cache
+
+# Estimation of the noise.
+_LEAST_POINTS = 30  # of fewer points no noise is estimated
+_SAMPLE = 2048  # points that noise is estimated from: as many as the constants were chosen for
+_PATCHES = (24, 48, 96, 192)  # points of a patch, from the smallest to the largest that is tried
+_LARGEST_SHARE = 8  # patches after the smallest have at most one in so many points of the cloud
+_WIDE = 0.27  # a patch is wide enough if the estimate is at most this part of its radius
+_FLAT = 0.3  # quantile of the patches' variances that is taken as m2
+_NOISE_KURTOSIS, _PLATE_KURTOSIS = 2.5, 1.0  # q of pure noise, and of a plate without noise
+_PLANE_FREEDOMS = 3  # parameters of a fitted plane: a patch of k heights has k - 3 free ones
 
 
 @dataclass(frozen=True)
 class _Cleaned:
-    """The points [N, 3] to mesh, the noise and spacing that they had, and notes.
+    """The points of a cloud that are to be meshed.
 
-    The noise is 0 where the points are left as they are.
+    points   [N, 3], smoothed where the cloud is noisy
+    noise    standard deviation that they were smoothed for; 0 where they are as they were
+    spacing  median distance between neighbours, before smoothing
+    notes    what was done to the cloud, for the user
     """
 
     points: Points
@@ -88,11 +101,12 @@ class _Cleaned:
 
 
 def cleaned(cloud: PointCloud, strength: float) -> _Cleaned:
-    """Return at most 8,192 points of a cloud, smoothed where they are noisy.
+    """Return at most MOST_POINTS points of a cloud, smoothed where they are noisy.
 
-    `strength` is a factor on the estimated noise; 0 smooths nothing.
+    strength  factor on the estimated noise; 0 smooths nothing
 
-    Raises StageFailure("input", ...) where too few are different, finite and in sight.
+    Raises StageFailure("input", ...) for fewer than 11 different points in sight, and for a
+    non-finite one.
     """
     points, notes = used_points(cloud, NORMAL_NEIGHBOURS + 1, MOST_POINTS, "surfaces")
     near, sample = searched(points)
@@ -102,14 +116,18 @@ def cleaned(cloud: PointCloud, strength: float) -> _Cleaned:
     if noise <= NOISY * spacing(sample):
         return _Cleaned(points, 0.0, between, notes)
     smooth, neighbours = smoothed_as_asked(near, noise)
-    kept = dense_part(smooth, 1 - min(LEFT_OUT * noise, MOST_LEFT_OUT), DENSITY_NEIGHBOURS)
+    share = 1 - min(LEFT_OUT * noise, MOST_LEFT_OUT)
+    kept = dense_part(smooth, share, DENSITY_NEIGHBOURS)
     done = f"smoothed: {_ROUNDS} times over {neighbours} points, {len(kept)} of {len(points)} kept"
     notes = (f"noise: {estimate:.3f}", *notes, done)
     return _Cleaned(kept.astype(np.float32), noise, between, notes)
 
 
 def smoothed_as_asked(near: Nearest, noise: float) -> tuple[Floats, int]:
-    """Return points [N, 3] smoothed as their noise > 0 asks for, and over how many neighbours."""
+    """Return smoothed points [N, 3], and the number of neighbours that each fit was made to.
+
+    noise  its standard deviation, above 0; the neighbourhoods grow with it
+    """
     patches = near.tree.query_ball_point(near.points, _PATCH * noise, return_length=True)
     neighbours = int(np.clip(np.median(patches), _FEWEST, _MOST))
     return smoothed(near, neighbours, _ROUNDS), neighbours
@@ -118,19 +136,22 @@ def smoothed_as_asked(near: Nearest, noise: float) -> tuple[Floats, int]:
 def smoothed(near: Nearest, neighbours: int, rounds: int) -> Floats:
     """Return points [N, 3] projected `rounds` times onto height fields of their neighbours.
 
-    A height field is fitted to the `neighbours` nearest points, or to all where there are fewer;
-    they stay the same points in all rounds.
-
-    Planes and paraboloids stay as they are, to rounding; 0 rounds change nothing.
+    A height field is fitted to the `neighbours` nearest points, or to all where there are fewer.
+    The neighbours of a point are not searched for again between rounds. Points of planes and
+    paraboloids stay where they are, up to rounding.
     """
-    points, (_, index) = near.points, near.within(neighbours)
+    points = near.points
+    _, index = near.within(neighbours)
     for _ in range(rounds):
         points = _projected(points, index)
     return points
 
 
 def _projected(points: Floats, index: NDArray[np.intp]) -> Floats:
-    """Return points projected once, whose neighbours have these indices [N, k]."""
+    """Return points [N, 3] projected once onto height fields.
+
+    index  [N, k], the neighbours of each point, the point itself first
+    """
     projected = np.empty_like(points)
     for some, offsets in _patches(points, index):
         x, y, z = offsets
@@ -139,22 +160,24 @@ def _projected(points: Floats, index: NDArray[np.intp]) -> Floats:
         weight = np.exp(-_SHARPNESS * squares / farthest**2)
         normal = _least_axes(offsets, weight)
         along = perpendicular(normal)
+        # Heights above the plane, and places a, b in it, over the distance of the farthest.
         axes = np.stack([normal, along, np.cross(normal, along)]) / farthest
         height, a, b = (x * n[:, :1] + y * n[:, 1:2] + z * n[:, 2:] for n in axes)
         terms = np.stack([np.ones_like(a), a, b, a * a, a * b, b * b], axis=1)
         weighted = weight[:, None] * terms
         ridge = _RIDGE * weight.sum(axis=1)[:, None, None] * np.eye(_TERMS)
         matrix = weighted @ np.swapaxes(terms, 1, 2) + ridge
+        # The constant term is the height of the field at the point itself, where a = b = 0.
         fit = np.linalg.solve(matrix, weighted @ height[..., None])[:, 0]
         projected[some] = points[some] + fit * farthest * normal
     return projected
 
 
 def dense_part(points: Floats, share: float, neighbours: int) -> Floats:
-    """Return the densest `share` (0..1) of points [N, 3], in their order.
+    """Return the `share`, 0..1, of points [N, 3] around which others are densest, in their order.
 
-    A point is the denser the nearer the point `neighbours` away is; of equally dense ones the first
-    are taken.
+    Density is measured by the distance to the nearest point number `neighbours`, the point itself
+    being number 1. Of equally dense points the first are taken.
     """
     kept = round(share * len(points))
     if kept >= len(points):
@@ -164,9 +187,9 @@ def dense_part(points: Floats, share: float, neighbours: int) -> Floats:
 
 
 def searched(points: Points) -> tuple[Nearest, Nearest]:
-    """Return the searches of finite points [N, 3], and of those that noise is estimated from.
+    """Return searches for neighbours: among points [N, 3], and among those for estimating noise.
 
-    These are a random subset of 2,048, or all of fewer.
+    The latter are a random subset of _SAMPLE points, or all where there are fewer.
     """
     near = Nearest(points)
     if len(points) <= _SAMPLE:
@@ -175,19 +198,21 @@ def searched(points: Points) -> tuple[Nearest, Nearest]:
 
 
 def noise_scale(near: Nearest) -> float:
-    """Return the standard deviation of the noise of points along the surface's normal, >= 0.
+    """Return the standard deviation of the points' noise along the surface's normal, at least 0.
 
-    In the units of the points; it scales with them and does not depend on their order. 0 for fewer
-    than 30 points, which say nothing about it.
+    It is in the units of the points and does not depend on their order. For fewer than 30 points,
+    of which noise cannot be estimated, it is 0.
     """
     count = len(near.points)
     if count < _LEAST_POINTS:
         return 0.0
-    sizes = [k for k in _PATCHES if k == _PATCHES[0] or k <= count // _LARGEST_SHARE]
+    smallest, *larger = _PATCHES
+    sizes = [smallest, *(k for k in larger if k <= count // _LARGEST_SHARE)]
     estimate = 0.0
     for k in sizes:
-        # one search for all that are left; on most clean clouds the first patch is wide enough
-        distance, index = near.within(k if k == sizes[0] else sizes[-1])
+        # On most clean clouds the smallest patch is wide enough. Where it is not, one search finds
+        # the neighbours of all other sizes.
+        distance, index = near.within(smallest if k == smallest else sizes[-1])
         estimate, share = _estimate(near.points, distance[:, k - 1], index[:, :k])
         if share <= _WIDE:
             break
@@ -195,7 +220,11 @@ def noise_scale(near: Nearest) -> float:
 
 
 def _estimate(points: Floats, radius: Floats, index: NDArray[np.intp]) -> tuple[float, float]:
-    """Return the noise of points in patches [P, k] of radii [P] > 0, and its share of these."""
+    """Return the noise by patches of one size, and its ratio to their median radius.
+
+    radius  [P], above 0, of each patch
+    index   [P, k], the points of each patch
+    """
     variance, kurtosis = moments(points, index)
     spread = float(np.quantile(variance / radius**2, _FLAT))
     seen = _noise_share(float(np.median(kurtosis))) * spread
@@ -204,10 +233,12 @@ def _estimate(points: Floats, radius: Floats, index: NDArray[np.intp]) -> tuple[
 
 
 def moments(points: Floats, index: NDArray[np.intp]) -> tuple[Floats, Floats]:
-    """Return variance and kurtosis [P] of the heights of patches above their planes.
+    """Return variance [P] and kurtosis [P] of the heights of patches above their planes.
 
-    A patch is of points [N, 3] with indices [P, k]. The kurtosis is that of a plate where all
-    heights are 0.
+    points  [N, 3]
+    index   [P, k], the points of each patch
+
+    Where all heights of a patch are 0 the kurtosis is that of a plate, 1.
     """
     second, fourth = np.empty(len(index)), np.empty(len(index))
     for some, offsets in _patches(points, index):
@@ -224,9 +255,11 @@ def moments(points: Floats, index: NDArray[np.intp]) -> tuple[Floats, Floats]:
 def _patches(
     points: Floats, index: NDArray[np.intp]
 ) -> Iterator[tuple[slice, tuple[Floats, Floats, Floats]]]:
-    """Yield rows of patches [P, k], and the offsets of their points from the first, by axis.
+    """Yield patches, _TOGETHER at a time, as offsets of their points from the first one.
 
-    So many at once as stay in a processor's cache.
+    index  [P, k], the points of each patch
+
+    Each item has the slice of `index` that it is of, and the offsets [_TOGETHER, k] in x, y and z.
     """
     columns = np.ascontiguousarray(points.T)
     for start in range(0, len(index), _TOGETHER):
@@ -237,7 +270,11 @@ def _patches(
 
 
 def _least_axes(offsets: tuple[Floats, Floats, Floats], weight: Floats) -> Floats:
-    """Return unit vectors [P, 3] along which weighted offsets [P, k] vary least."""
+    """Return the unit vectors [P, 3] along which patches vary least: the normals of their planes.
+
+    offsets  [P, k] in x, y and z, of the points of each patch
+    weight   [P, k]
+    """
     total = weight.sum(axis=1)
     weighted = [weight * offset for offset in offsets]
     means = [product.sum(axis=1) / total for product in weighted]
@@ -255,15 +292,16 @@ def perpendicular(vectors: Floats) -> Floats:
 
 
 def _noise_share(kurtosis: float) -> float:
-    """Return the share of noise in the variance of a noisy plate's heights, 0..1."""
+    """Return which share of the variance of a plate's heights is due to noise, 0..1."""
     below = (_NOISE_KURTOSIS - kurtosis) / (_NOISE_KURTOSIS - _PLATE_KURTOSIS)
     return 1 - float(np.sqrt(np.clip(below, 0, 1)))
 
 
 def _cut_by_a_ball() -> tuple[Floats, Floats]:
-    """Return standard deviations of noise in a ball of radius 1: observed, and true.
+    """Return a table of standard deviations of noise: those seen in a unit ball, and true ones.
 
-    In the ball the plane z has the area pi (1 - z^2).
+    The heights z of points in the ball are normally distributed, and weighted by the area of the
+    ball's section at that height, pi (1 - z^2).
     """
     shares = np.linspace(0, 1, 201)[1:]
     z = (np.arange(1000) + 0.5) / 1000

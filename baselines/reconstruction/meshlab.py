@@ -16,16 +16,21 @@ from data_prep.failures import MissingDependency
 from data_prep.rendering.opengl import REMEDY
 from data_prep.scene import Mesh, Points
 
-GRID_MARGIN = 1.2  # MeshLab's grid exceeds the box by a tenth at each end
+# Side of MeshLab's grid for marching cubes over the longest side of the points' box: the grid
+# extends beyond the box by a tenth at each end.
+GRID_MARGIN = 1.2
 
 
 class MeshLab:
-    """One mesh in a MeshLab document of its own, changed in place by each filter.
+    """One mesh in a MeshLab document of its own; each method but the last three changes it.
 
-    The parameters that are not arguments are the original script's
-    (ball-pivoting-close-holes-mc-rotate.mlx, roatienza/pc2pix@23b7b46d). Each method raises
-    RuntimeError where MeshLab refuses. The constructor raises MissingDependency where pymeshlab
-    cannot be loaded.
+    points  [V, 3], vertices of the mesh
+    faces   [F, 3], indices of vertices; None for points alone
+
+    Parameters of filters that are not arguments have the values of the paper's script
+    (ball-pivoting-close-holes-mc-rotate.mlx of roatienza/pc2pix@23b7b46d). The constructor raises
+    MissingDependency where pymeshlab cannot be loaded, and every method RuntimeError where MeshLab
+    refuses.
     """
 
     def __init__(
@@ -52,17 +57,21 @@ class MeshLab:
             raise RuntimeError(" ".join(str(error).split())) from error
 
     def estimate_normals(self, neighbours: int) -> None:
-        """Estimate normals from the `neighbours` nearest points.
+        """Estimate the normal of each point from its `neighbours` nearest points.
 
-        Their signs are made to agree from neighbour to neighbour; which side is outside stays open.
+        Signs are made to agree between neighbours; all normals may point inwards.
         """
         self._apply("compute_normal_for_point_clouds", k=neighbours, flipflag=False)
 
     def ball_pivoting(self, radius_percent: float | None = None) -> None:
-        """Pivot a ball whose radius is in percent of the box's diagonal.
+        """Make faces by pivoting a ball around the points.
 
-        None leaves the radius to MeshLab, as the script does, which takes it from the box and the
-        number of points. Clustering is 20 %, the crease angle 90 degrees.
+        radius_percent  radius of the ball, in percent of the diagonal of the points' box; None
+                        leaves it to MeshLab, as the paper's script does: it then depends on the box
+                        and the number of points
+
+        Points nearer to each other than 20 % of the radius are merged, and the ball does not roll
+        over edges at which faces would meet at more than 90 degrees.
         """
         self._apply(
             "generate_surface_reconstruction_ball_pivoting",
@@ -73,9 +82,9 @@ class MeshLab:
         )
 
     def close_holes(self, max_edges: int) -> None:
-        """Fill holes of fewer than `max_edges` edges, avoiding triangles that intersect others.
+        """Fill holes of fewer than `max_edges` edges, without triangles that intersect others.
 
-        A rounding error may decide about that.
+        Whether triangles intersect is sometimes decided by a rounding error.
         """
         self._apply(
             "meshing_close_holes",
@@ -88,15 +97,16 @@ class MeshLab:
     def marching_cubes_apss(
         self, resolution: int, accuracy: float = 1e-4, accurate_normals: bool = True
     ) -> None:
-        """Mesh the algebraic point set surface on a grid and project the mesh onto it.
+        """Mesh the algebraic point set surface (APSS) on a grid and project the mesh onto it.
 
-        A cell is GRID_MARGIN times the longest side of the points' box (of all points, also of
-        those that no face uses) over `resolution`.
-
-        accuracy          where a projection ends before 15 steps, relative to the mean spacing of
-                          the points. MeshLab 2025.7 takes that spacing from memory it has not
-                          written; at 0 there are always 15 steps, and the mesh depends on no memory
-        accurate_normals  of the vertices; they change no vertex and no face
+        resolution        number of cells along a side of the grid. The side is GRID_MARGIN times
+                          the longest side of the box of all points, also of those that no face uses
+        accuracy          step length, relative to the mean spacing of the points, below which a
+                          projection ends. MeshLab 2025.7 reads that spacing from memory that it has
+                          not written. At 0 a projection always takes 15 steps, so that results
+                          repeat
+        accurate_normals  whether the normals of vertices are exact; they change no vertex and no
+                          face
         """
         self._apply(
             "generate_marching_cubes_apss",
@@ -109,24 +119,28 @@ class MeshLab:
         )
 
     def screened_poisson(self, depth: int) -> None:
-        """Reconstruct by screened Poisson on an octree of `depth` levels, from oriented normals.
+        """Reconstruct a surface from oriented normals by screened Poisson reconstruction.
 
-        On one thread: with more, the mesh changes from run to run. Points without a normal (those
-        that no face uses, after `close_holes`) are left out.
+        depth  number of levels of the octree
+
+        Points without a normal are left out; after `close_holes` these are the ones that no face
+        uses. It runs on one thread, because with more the mesh differs from run to run.
         """
         self._apply(
             "generate_surface_reconstruction_screened_poisson",
             depth=depth,
-            pointweight=4.0,  # of the points against the normals: MeshLab's own
+            pointweight=4.0,  # weight of points relative to normals: MeshLab's default
             preclean=True,
             threads=1,
         )
 
     def alpha_wrap(self, radius: float, offset: float) -> None:
-        """Wrap the faces by a closed surface at the distance `offset` (Portaneri et al. 2022).
+        """Replace the faces by a closed surface around them (alpha wrap, Portaneri et al. 2022).
 
-        It is carved from outside by a ball of `radius`; both are in the units of the points. The
-        mesh must have faces, and two different vertices: on points alone CGAL ends the process.
+        radius  of the ball that carves the surface from outside, in the units of the points
+        offset  distance of the surface from the faces, in the same units
+
+        The mesh must have a face, and two vertices that differ: otherwise CGAL ends the process.
         """
         self._apply(
             "generate_alpha_wrap",
@@ -144,9 +158,8 @@ class MeshLab:
         return self._meshes.current_mesh().vertex_normal_matrix()
 
     def mesh(self, color: tuple[int, int, int]) -> Mesh:
-        """Return the current mesh in one colour. Its vertices may be non-finite."""
+        """Return the current mesh in one colour, 0..255; some vertices may be non-finite."""
         current = self._meshes.current_mesh()
         faces = current.face_matrix()
-        return Mesh(
-            current.vertex_matrix(), faces, np.tile(np.array(color, np.uint8), (len(faces), 1))
-        )
+        colors = np.tile(np.array(color, np.uint8), (len(faces), 1))
+        return Mesh(current.vertex_matrix(), faces, colors)

@@ -1,10 +1,10 @@
-"""Screened Poisson as in Open3D's tutorials; needs the extra [open3d].
+"""Screened Poisson reconstruction as in Open3D's tutorials; it needs the extra [open3d].
 
-Outliers are removed by their distance to their neighbours, normals are those of 30 neighbours and
-made to agree along the tangent plane graph (Hoppe et al. 1992), Poisson reconstruction goes to
-depth 8, and what the points support least is trimmed: the twentieth of the vertices with the lowest
-density. The numbers are those of Open3D's tutorials, where they give any; nothing is chosen for our
-clouds.
+Points far from their neighbours are removed as outliers. Normals are estimated from 30 neighbours,
+and their signs made to agree along the graph of tangent planes (Hoppe et al. 1992). After Poisson
+reconstruction at depth 8 the vertices with the lowest density of points, a twentieth of all, are
+removed. The numbers are those of Open3D's tutorials where these give any; none is tuned to the
+clouds of this project.
 """
 
 from __future__ import annotations
@@ -25,28 +25,35 @@ from baselines.reconstruction.stages import (
 from data_prep.failures import MissingDependency, StageFailure
 from data_prep.scene import PointCloud
 
+# A point is an outlier where its mean distance to its OUTLIER_NEIGHBOURS nearest points exceeds the
+# cloud's mean of that distance by more than OUTLIER_DEVIATIONS standard deviations.
 OUTLIER_NEIGHBOURS, OUTLIER_DEVIATIONS = 20, 2.0
-NORMAL_NEIGHBOURS = 30
-_LEAST_POINTS = NORMAL_NEIGHBOURS + 1
-MOST_POINTS = 100_000
-_LOWEST_DENSITY = 0.05
+NORMAL_NEIGHBOURS = 30  # nearest points that a normal is estimated from
+_LEAST_POINTS = NORMAL_NEIGHBOURS + 1  # smallest number of different points of a cloud
+MOST_POINTS = 100_000  # points that are used; of a larger cloud a random subset
+_LOWEST_DENSITY = 0.05  # share of the vertices, those of lowest density, that is removed
 REMEDY = "install it with \"pip install 'pc2pix-bench[open3d]'\", or leave out open3d-poisson"
 
 
 @dataclass(frozen=True)
 class Open3dPoisson(DrawsReconstruction):
-    """The screened Poisson method of Open3D; `depth` is the number of levels of the octree."""
+    """The screened Poisson reconstruction of Open3D.
+
+    depth  number of levels of the octree
+    """
 
     depth: int = 8
 
     def prepare(self, cloud: PointCloud, rng: np.random.Generator | None = None) -> Reconstruction:
-        """Reconstruct the surface on one thread; no randomness.
+        """Reconstruct the surface on one thread; `rng` is not used.
 
-        The order of the points does not matter; those as far away as the camera are left out.
+        The order of the points does not matter. Points that are no nearer than the camera are left
+        out.
 
-        Raises MissingDependency without Open3D. Raises StageFailure: `input` (fewer than 31
-        different points in sight, or a non-finite one), `normals` (points on a line or in a plane,
-        whose tangent planes have no graph) or `poisson` (no faces).
+        Raises MissingDependency where Open3D cannot be loaded. Raises StageFailure at the stage
+        `input`, for fewer than 31 different points in sight and for a non-finite one; at `normals`,
+        for points on a line or in a plane, for which Open3D finds no graph of tangent planes; and
+        at `poisson`, where no face comes out.
         """
         del rng
         library = open3d()
@@ -79,7 +86,7 @@ class Open3dPoisson(DrawsReconstruction):
 
 
 def open3d() -> Any:
-    """Return the library Open3D.
+    """Return the module of the library Open3D.
 
     Raises MissingDependency where it cannot be loaded.
     """

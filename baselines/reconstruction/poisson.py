@@ -1,14 +1,14 @@
 """Screened Poisson reconstruction (Kazhdan and Hoppe 2013), trimmed where there are no points.
 
-The method fits a solid to oriented normals and closes whatever is open, with a bubble where need
-be. Two things make it fit for bare clouds of thin objects:
+The method fits a solid to oriented normals and closes every gap, sometimes by a bubble where there
+are no points. Two steps adapt it to clouds of thin objects without normals:
 
-Orientation  Normals are those of the mesh that ball pivoting and the closing of holes give, not
-             those of single points made to agree with their neighbours: the two sides of a thin
-             part are distinguished more often.
-Trimming     Faces with a vertex farther from all points than the cloud's spacing are dropped. The
-             spacing is MeshLab's: half the distance to the 16th nearest point (itself counted), as
-             for a flat neighbourhood; here the median over the cloud.
+Orientation  Normals are those of the mesh that ball pivoting and the closing of holes give. The
+             usual way, estimating normals at points and making signs of neighbours agree, confuses
+             the two sides of a thin part more often.
+Trimming     Faces with a vertex farther from all points than the spacing of the cloud are dropped.
+             The spacing is the median of what MeshLab computes for a point: half the distance to
+             the 16th nearest point (itself counted), about the distance of neighbours in a plane.
 """
 
 from __future__ import annotations
@@ -33,20 +33,21 @@ from data_prep.scene import Mesh, PointCloud, Points
 
 @dataclass(frozen=True)
 class Poisson(DrawsReconstruction):
-    """The screened Poisson method on an octree of `depth` levels, 2^depth cells a side.
+    """The trimmed screened Poisson reconstruction.
 
-    On validation chairs under the five conditions mean SSIM is 0.722, 0.726 and 0.730 at depths 5,
-    6 and 7; untrimmed it is 0.656, 0.666 and 0.671.
+    depth  number of levels of the octree, which has 2^depth cells along a side. On validation
+           chairs under the five conditions mean SSIM is 0.722, 0.726 and 0.730 at depths 5, 6 and
+           7; without trimming it is 0.656, 0.666 and 0.671
     """
 
     depth: int = 7
 
     def prepare(self, cloud: PointCloud, rng: np.random.Generator | None = None) -> Reconstruction:
-        """Reconstruct the surface; no randomness.
+        """Return the trimmed reconstruction of a cloud; `rng` is not used.
 
-        Raises StageFailure naming the stage that handed on nothing usable: `input` (fewer points
-        than a normal needs, or a non-finite one), `normals`, `ball-pivoting`, `close-holes`,
-        `poisson`, or `trim` where no face is near the points.
+        Raises StageFailure with the stage that failed: `input` (fewer points than a normal needs,
+        or a non-finite one), `normals`, `ball-pivoting`, `close-holes`, `poisson`, or `trim` (no
+        face is near the points).
         """
         del rng
         return _trimmed_poisson(cloud.points, self.depth)
@@ -55,7 +56,7 @@ class Poisson(DrawsReconstruction):
 def _trimmed_poisson(points: Points, depth: int) -> Reconstruction:
     """Return the trimmed reconstruction from points [N, 3].
 
-    Raises StageFailure as `Poisson.prepare`.
+    Raises StageFailure as `Poisson.prepare` does.
     """
     meshlab = closed_surface(points)
     run("poisson", lambda: meshlab.screened_poisson(depth))
@@ -64,9 +65,11 @@ def _trimmed_poisson(points: Points, depth: int) -> Reconstruction:
 
 
 def trimmed(mesh: Mesh, points: Points) -> Mesh:
-    """Return the faces of `mesh` whose vertices all lie within a spacing of points [N, 3].
+    """Return the faces of `mesh` whose vertices all lie near points [N, 3], N > 10.
 
-    N is above 10. Raises StageFailure("trim", ...) where no face is left.
+    Near is what is no farther from a point than the spacing of the points.
+
+    Raises StageFailure("trim", ...) where no face is left.
     """
     farthest = spacing(Nearest(points))
     distance, _ = cKDTree(points).query(mesh.vertices)

@@ -1,4 +1,4 @@
-"""The points that reconstructions start from, checks between stages, and their result."""
+"""What all reconstructions share: the choice of points, checks between stages, and the result."""
 
 from __future__ import annotations
 
@@ -17,20 +17,20 @@ from data_prep.rendering.images import to_float
 from data_prep.rendering.mesh import draw_mesh, mesh_coverage
 from data_prep.scene import IMAGE_SIZE, NEUTRAL_GREY, Images, Mesh, PointCloud, Points, View
 
-FOOTPRINT = CAMERA_DISTANCE / FOCAL_PX  # what a pixel covers at the origin
-_SPACING_NEIGHBOURS = 16
+FOOTPRINT = CAMERA_DISTANCE / FOCAL_PX  # side of what a pixel shows at the origin, in scene units
+_SPACING_NEIGHBOURS = 16  # a point's spacing is half the distance to the nearest of this number
 
 
 @dataclass(frozen=True)
 class Reconstruction:
-    """A reconstructed mesh with finite vertices, and notes of what was repaired."""
+    """A reconstructed mesh with finite vertices, and notes for the user about what was repaired."""
 
     mesh: Mesh
     notes: tuple[str, ...]
 
 
 class DrawsReconstruction:
-    """The drawing half of every method whose `prepare` gives a Reconstruction."""
+    """A base class of methods whose `prepare` returns a `Reconstruction`: it draws the mesh."""
 
     def draw(
         self,
@@ -39,7 +39,7 @@ class DrawsReconstruction:
         rng: np.random.Generator | None = None,
         size: int = IMAGE_SIZE,
     ) -> Images:
-        """Render the reconstructed mesh, in images [V, size, size, 3]; no randomness."""
+        """Return images of the mesh, float32 [V, size, size, 3] in 0..1; `rng` is not used."""
         del rng
         return to_float(draw_mesh(state.mesh, views, size))
 
@@ -51,7 +51,9 @@ class DrawsReconstruction:
 
 
 def check_points(points: Points, least: int, what: str) -> None:
-    """Check that points [N, 3] are finite and at least `least`, which `what` needs.
+    """Check that points [N, 3] are finite, and that N is at least `least`.
+
+    what  what needs so many points, in the plural, for the message: "normals"
 
     Raises StageFailure("input", ...) otherwise.
     """
@@ -71,22 +73,25 @@ def check_finite(points: Points) -> None:
 
 
 def in_sight(points: Points) -> Points:
-    """Return the points [M, 3] of [N, 3] that lie nearer to the origin than the camera."""
+    """Return those of points [N, 3] that lie nearer to the origin than the camera does, [M, 3]."""
     return points[np.linalg.norm(points.astype(np.float64), axis=1) < CAMERA_DISTANCE]
 
 
 def used_points(
     cloud: PointCloud, least: int, most: int, what: str
 ) -> tuple[Points, tuple[str, ...]]:
-    """Return the different points [M, 3] in sight, sorted by coordinates, and notes.
+    """Return the points [M, 3] of a cloud that a method uses, and notes about those left out.
 
-    The notes say which points were left out.
+    Points that are no nearer to the origin than the camera are left out, and of points that
+    coincide all but one. The others are sorted by coordinates, so that the order of the points
+    does not change the result.
 
-    Points as far away as the camera or farther are out of sight. Of more than `most` points so many
-    are chosen at random. Neither the order of the points nor repeated ones change the result.
+    least  smallest number of points that the method can use
+    most   largest number of points that it uses; of more a random subset is taken
+    what   what needs `least` points, in the plural, for the message: "normals"
 
-    Raises StageFailure("input", ...) where fewer than `least`, which `what` need, are left, and
-    where a point is not finite.
+    Raises StageFailure("input", ...) where fewer than `least` points are left, and where a point is
+    not finite.
     """
     check_points(cloud.points, least, what)
     seen = in_sight(cloud.points)
@@ -102,23 +107,22 @@ def used_points(
 
 
 def fewer(used: Points, different: Points) -> tuple[str, ...]:
-    """Return a note of how many of the different points are used, if not all."""
-    note = f"input: {len(used)} of {len(different)} points used"
-    return (note,) if len(used) < len(different) else ()
+    """Return a note of how many of the different points are used; none where all are."""
+    if len(used) == len(different):
+        return ()
+    return (f"input: {len(used)} of {len(different)} points used",)
 
 
 def left_out(seen: Points, cloud: PointCloud) -> tuple[str, ...]:
-    """Return a note of the points that are not seen, if any."""
+    """Return a note of how many points of the cloud are not seen; none where all are."""
     far = len(cloud) - len(seen)
-    note = f"input: {far} of {len(cloud)} points left out, they lie beyond the camera"
-    return (note,) if far else ()
+    if far == 0:
+        return ()
+    return (f"input: {far} of {len(cloud)} points left out, they lie beyond the camera",)
 
 
 def run(stage: str, step: Callable[[], None]) -> None:
-    """Run one step of MeshLab, which is a stage of the method.
-
-    Raises StageFailure(stage, ...) where MeshLab refuses.
-    """
+    """Run a step of MeshLab; where MeshLab refuses, raise StageFailure(stage, ...)."""
     try:
         step()
     except RuntimeError as error:
@@ -126,7 +130,7 @@ def run(stage: str, step: Callable[[], None]) -> None:
 
 
 def finite_part(stage: str, mesh: Mesh) -> Reconstruction:
-    """Return `mesh` without faces that have a non-finite vertex; their number is noted.
+    """Return `mesh` without faces that have a non-finite vertex, and a note of their number.
 
     Raises StageFailure(stage, ...) where no face is left.
     """
@@ -135,7 +139,7 @@ def finite_part(stage: str, mesh: Mesh) -> Reconstruction:
         return Reconstruction(mesh, ())
     keep = np.all(finite[mesh.faces], axis=1)
     if not keep.any():
-        raise StageFailure(stage, "no face with finite vertices")
+        raise StageFailure(stage, f"none of {len(keep)} faces has finite vertices")
     vertices = np.where(finite[:, None], mesh.vertices, 0.0)
     dropped = len(keep) - int(keep.sum())
     note = f"{stage}: {dropped} of {len(keep)} faces dropped, a vertex is not finite"
@@ -143,7 +147,10 @@ def finite_part(stage: str, mesh: Mesh) -> Reconstruction:
 
 
 def kept_faces(mesh: Mesh, keep: NDArray[np.bool_], vertices: Points | None = None) -> Mesh:
-    """Return the faces of `mesh` where `keep` [F] holds, on `vertices` [V, 3] if given."""
+    """Return a mesh of the faces for which `keep` [F] holds.
+
+    vertices  [V, 3], in place of those of `mesh`; None for the same
+    """
     vertices = mesh.vertices if vertices is None else vertices
     return Mesh(vertices, mesh.faces[keep], mesh.face_colors[keep])
 
@@ -155,9 +162,10 @@ def in_grey(vertices: NDArray[np.floating], faces: NDArray[np.integer]) -> Mesh:
 
 
 class Nearest:
-    """The nearest neighbours of points [N, 3], N > 0; most of a cloud's preparation is this search.
+    """A search for the nearest neighbours of points [N, 3], N > 0, that remembers its result.
 
-    More are searched for only where more are asked for than before.
+    Most of the time in which a cloud is prepared is this search. It is made again only where more
+    neighbours are asked for than before.
     """
 
     def __init__(self, points: Points | Floats) -> None:
@@ -167,7 +175,10 @@ class Nearest:
         self._index: NDArray[np.intp] = np.zeros((len(points), 0), np.intp)
 
     def within(self, count: int) -> tuple[Floats, NDArray[np.intp]]:
-        """Return distances and indices [N, min(count, N)] of each point's nearest, itself first."""
+        """Return the distances and indices [N, min(count, N)] of each point's nearest points.
+
+        The first is the point itself.
+        """
         count = min(count, len(self.points))
         if self._index.shape[1] < count:
             distance, index = self.tree.query(self.points, k=range(1, count + 1))
@@ -176,10 +187,10 @@ class Nearest:
 
 
 def spacing(near: Nearest) -> float:
-    """Return the median spacing of points.
+    """Return the median spacing of points, an estimate of the distance between neighbours.
 
-    The spacing of a point is half the distance to the 16th nearest (itself counted), as for an even
-    sample of a plane.
+    The spacing of a point is half the distance to its 16th nearest (itself counted): in an even
+    sample of a plane this is about the distance of neighbours.
     """
     distance, _ = near.within(_SPACING_NEIGHBOURS)
     return float(np.median(distance[:, -1])) / 2

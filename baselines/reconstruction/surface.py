@@ -1,10 +1,11 @@
-"""Surface reconstruction and rendering: the paper's SR.
+"""Surface reconstruction and rendering as in the paper, where it is called SR.
 
-Normals (k = 10) -> ball pivoting -> close holes (30 edges) -> marching cubes on the algebraic point
-set surface (APSS, resolution 200) -> the project's mesh renderer, in neutral grey. Source: paper,
-section 1, and the filter script of roatienza/pc2pix@23b7b46d. The script's first two filters turn
-the object by 90 degrees about Y and Z for Blender's axes; our clouds have our axes, so they are
-left out (a grid of cubes is mapped onto itself by such a turn).
+The stages are: normals from 10 neighbours; ball pivoting; closing of holes of fewer than 30 edges;
+marching cubes on the algebraic point set surface (APSS) at a resolution of 200; rendering by the
+project's mesh renderer, in neutral grey. They are those of section 1 of the paper and of its filter
+script (roatienza/pc2pix@23b7b46d). The script begins by turning the object by 90 degrees about Y
+and Z, from the axes of Blender. Clouds here need no such turn, and leaving it out changes nothing
+else, because it maps a grid of cubes onto itself.
 """
 
 from __future__ import annotations
@@ -24,26 +25,29 @@ from baselines.reconstruction.stages import (
 from data_prep.failures import StageFailure
 from data_prep.scene import NEUTRAL_GREY, PointCloud, Points
 
-NORMAL_NEIGHBOURS = 10
-MAX_HOLE_EDGES = 30
-RESOLUTION = 200
+# Values of the paper's filter script.
+NORMAL_NEIGHBOURS = 10  # nearest points that a normal is estimated from
+MAX_HOLE_EDGES = 30  # holes of fewer edges are closed
+RESOLUTION = 200  # cells along a side of the grid of marching cubes
 
 
 @dataclass(frozen=True)
 class SurfaceApss(DrawsReconstruction):
-    """The paper's chain, with `resolution` grid cells a side."""
+    """The paper's chain of stages.
+
+    resolution  cells along a side of the grid of marching cubes
+    """
 
     resolution: int = RESOLUTION
 
     def prepare(self, cloud: PointCloud, rng: np.random.Generator | None = None) -> Reconstruction:
-        """Reconstruct the surface; no randomness.
+        """Return the reconstructed surface of a cloud; `rng` is not used.
 
-        APSS leaves non-finite vertices in a fair share of its meshes (15 of 107 real objects); as
-        in any viewer, their faces are not drawn. Their number is noted.
+        APSS gives some meshes non-finite vertices (15 of 107 real objects). Faces that have one are
+        dropped, as viewers of meshes do, and a note tells their number.
 
-        Raises StageFailure naming the stage that handed on nothing usable: `input` (fewer points
-        than a normal needs, or a non-finite one), `normals`, `ball-pivoting`, `close-holes` or
-        `apss`.
+        Raises StageFailure with the stage that failed: `input` (fewer points than a normal needs,
+        or a non-finite one), `normals`, `ball-pivoting`, `close-holes` or `apss`.
         """
         del rng
         meshlab = closed_surface(cloud.points)
@@ -53,30 +57,33 @@ class SurfaceApss(DrawsReconstruction):
 
 @dataclass(frozen=True)
 class SurfaceBpa(DrawsReconstruction):
-    """The chain without its last stage: ball pivoting (Bernardini et al. 1999) and closed holes.
+    """The paper's chain without APSS: ball pivoting (Bernardini et al. 1999) and closing of holes.
 
-    The radius is in percent of the diagonal of the cloud's box; None is MeshLab's choice, which
-    grows as the points get fewer. No fixed radius does as well on validation chairs under the five
-    conditions: mean SSIM 0.747, and 0.714 to 0.726 for 1.5 to 6 %.
+    radius_percent  radius of the ball, in percent of the diagonal of the cloud's box; None is
+                    MeshLab's choice, which grows as the points get fewer. On validation chairs
+                    under the five conditions that gives a mean SSIM of 0.747; fixed radii of 1.5 to
+                    6 % give 0.714 to 0.726
     """
 
     radius_percent: float | None = None
 
     def prepare(self, cloud: PointCloud, rng: np.random.Generator | None = None) -> Reconstruction:
-        """Reconstruct the surface; no randomness.
+        """Return the reconstructed surface of a cloud; `rng` is not used.
 
-        Raises StageFailure naming the stage that handed on nothing usable: `input` (fewer points
-        than a normal needs, or a non-finite one), `normals`, `ball-pivoting` or `close-holes`.
+        Raises StageFailure with the stage that failed: `input` (fewer points than a normal needs,
+        or a non-finite one), `normals`, `ball-pivoting` or `close-holes`.
         """
         del rng
         return reconstruction("close-holes", closed_surface(cloud.points, self.radius_percent))
 
 
 def closed_surface(points: Points, radius_percent: float | None = None) -> MeshLab:
-    """Pivot points [N, 3] and close small holes: the chain up to its third stage.
+    """Return the mesh of points [N, 3] after the first three stages: its small holes are closed.
 
-    The ball's radius is in percent of the diagonal of the cloud's box; None is MeshLab's choice.
-    Raises StageFailure as `SurfaceApss.prepare`, but for the stage `apss`.
+    radius_percent  radius of the ball, in percent of the diagonal of the cloud's box; None is
+                    MeshLab's choice
+
+    Raises StageFailure as `SurfaceBpa.prepare` does.
     """
     check_points(points, NORMAL_NEIGHBOURS + 1, "normals")
     meshlab = MeshLab(points)
@@ -91,9 +98,9 @@ def closed_surface(points: Points, radius_percent: float | None = None) -> MeshL
 
 
 def reconstruction(stage: str, meshlab: MeshLab) -> Reconstruction:
-    """Return the mesh that the last stage has left, in neutral grey.
+    """Return MeshLab's current mesh, in neutral grey, without faces that are not finite.
 
-    Raises StageFailure where it has no faces.
+    Raises StageFailure(stage, ...) where no face is left.
     """
     _require_faces(stage, meshlab)
     return finite_part(stage, meshlab.mesh(NEUTRAL_GREY))

@@ -1,27 +1,31 @@
-"""The paper's chain without the work that the image cannot show.
+"""The paper's chain without the work that an image cannot show.
 
-The stages and filters are those of `baselines.reconstruction.surface`, at a lower resolution. Let a
-pixel's footprint be the length it covers at the origin, CAMERA_DISTANCE / FOCAL_PX = 0.017 units.
+The stages are those of `baselines.reconstruction.surface`, at a resolution that fits the image. Let
+a footprint be the length that a pixel covers at the origin, CAMERA_DISTANCE / FOCAL_PX = 0.017
+units. The differences are:
 
-Grid    A cell of the APSS grid is 2.25 footprints; two pixels are the shortest wave that an image
-        resolves. With L the longest side of the cloud's box the resolution is
-        floor(1.2 L / cell): about 52 for a chair in place of 200.
-Points  Of the points in a cube of a cell's size the one nearest its middle is kept, and they are
-        put in an order of their own. The time of ball pivoting grows with the square of the number
-        of points (100,000: 35 s), and APSS is defined only near them: where they lie closer than
-        the cells, no cell is wholly in its domain and the surface is lost.
-Sight   Points as far away as the camera or farther are left out: they would stretch the grid.
-Normals APSS moves vertices onto the surface in 15 steps, always, which takes nothing from memory
-        that nobody has written; and vertex normals, which a flat facet does not use, stay rough.
+Grid    A cell of the grid for APSS is 2.25 footprints wide, because the shortest wave that an image
+        resolves has two pixels. Where L is the longest side of the cloud's box, the resolution is
+        floor(1.2 L / cell), about 52 for a chair in place of 200.
+Points  Of the points in a cube of a cell's size only the one nearest to its middle is kept. Without
+        this, ball pivoting takes time with the square of the number of points (35 s for 100,000).
+        And APSS is defined only near the points: where they are denser than the grid, no cell lies
+        wholly in its domain, and the surface is lost. The points are sorted by cube, so that their
+        order in the cloud does not matter.
+Sight   Points that are no nearer than the camera are left out, because they would stretch the grid.
+Steps   APSS always takes 15 steps to move vertices onto the surface, because MeshLab's criterion
+        for ending earlier reads memory that it has not written.
+Normals Normals at vertices stay approximate, because facets are shaded flat.
 
-What it changes: the domain ends two spacings beyond the last point, and a fine grid carries the
-surface to its end, as a rim that the object does not have. A cell that is not wholly within is left
-out, so that coarse cells trim the rim. That is two thirds of why `surface-fit` scores higher than
-`surface-apss`: so much is gained by its silhouettes with the shading of the other.
+Images get better by this, for the following reason. The domain of APSS ends two spacings beyond the
+outermost point. A fine grid carries the surface up to there, as a rim that the object does not
+have. Coarse cells that are not wholly in the domain are left out, which trims the rim. Two thirds
+of the difference in scores between `surface-fit` and `surface-apss` come from that: so much is
+gained by combining the silhouettes of the first with the shading of the second.
 
-What does not pay, and is not done: ball pivoting and the closing of holes have to stay, for they
-drop a tenth of the points, and the normals that APSS gets are those of the closed mesh. Decimation
-(quadric edge collapse) takes as long as it spares 20 views.
+Other savings were tried and are not made. Ball pivoting and the closing of holes cannot be left
+out, because they drop a tenth of the points, and APSS takes its normals from the closed mesh.
+Decimation by quadric edge collapse takes as long as it saves in 20 views.
 """
 
 from __future__ import annotations
@@ -53,23 +57,25 @@ from data_prep.scene import PointCloud, Points
 
 @dataclass(frozen=True)
 class SurfaceFit(DrawsReconstruction):
-    """The paper's chain on a grid whose cells are `cell_px` pixels at the origin.
+    """The paper's chain on a grid that fits the image.
 
-    On validation chairs SSIM of the full cloud is the same to 0.002 from 1.5 to 2.25 pixels, 0.004
-    lower at 1 and 2.5, and 0.03 lower at 3, where parts get lost; sparser and noisier clouds gain a
-    little up to 3.
+    cell_px  width of a cell, in pixels at the origin. On validation chairs the SSIM of the full
+             cloud differs by less than 0.002 between 1.5 and 2.25 pixels. It is 0.004 lower at 1
+             and 2.5, and 0.03 lower at 3, where parts get lost; sparser and noisier clouds still
+             gain a little between 2.25 and 3
     """
 
     cell_px: float = 2.25
 
     def prepare(self, cloud: PointCloud, rng: np.random.Generator | None = None) -> Reconstruction:
-        """Reconstruct the surface; no randomness, and the order of the points does not matter.
+        """Return the reconstructed surface; `rng` is not used, nor does the points' order matter.
 
-        Never finer than the paper's grid: a cloud that fills the camera's surroundings gets coarser
-        cells. Points left out for their distance are noted, as are faces with a non-finite vertex.
+        The grid is never finer than the paper's: a cloud as large as the camera's distance gets
+        larger cells than asked for. Notes tell the number of points left out for their distance,
+        and of faces dropped for a non-finite vertex.
 
-        Raises StageFailure naming the stage as `SurfaceApss.prepare` does; `input` also where too
-        few points are left.
+        Raises StageFailure as `SurfaceApss.prepare` does, and at the stage `input` also where too
+        few cubes have a point.
         """
         del rng
         check_points(cloud.points, NORMAL_NEIGHBOURS + 1, "normals")
@@ -79,8 +85,8 @@ class SurfaceFit(DrawsReconstruction):
         if len(points) <= NORMAL_NEIGHBOURS:
             raise StageFailure(
                 "input",
-                f"{len(points)} of {len(cloud)} points are left where the camera looks, a cube "
-                f"each; normals need at least {NORMAL_NEIGHBOURS + 1}",
+                f"{len(points)} of {len(cloud)} points are left, those nearer than the camera and "
+                f"one for each grid cell; normals need at least {NORMAL_NEIGHBOURS + 1}",
             )
         meshlab = closed_surface(points)
         cells = resolution(points, cell)
@@ -90,14 +96,15 @@ class SurfaceFit(DrawsReconstruction):
 
 
 def thinned(points: Points, side: float) -> Points:
-    """Return one of finite points [N, 3] for each occupied cube of `side`, sorted by cube.
+    """Return one of the finite points [N, 3] for each cube of `side` that has any, [M, 3].
 
-    It is the one nearest the middle of the cube, and of equally near ones the first by coordinates:
-    the result [M, 3] does not depend on the order of the points.
+    It is the one nearest to the middle of the cube, and of equally near ones the first by
+    coordinates. The result is sorted by cube and does not depend on the order of the points.
     """
-    cubes = points.astype(np.float64) / side
-    cube = np.floor(cubes)
-    off_centre = ((cubes - cube - 0.5) ** 2).sum(axis=1)
+    scaled = points.astype(np.float64) / side
+    cube = np.floor(scaled)
+    off_centre = ((scaled - cube - 0.5) ** 2).sum(axis=1)
+    # `lexsort` sorts by its last key first: by cube, by distance from the middle, by coordinates.
     order = np.lexsort((*points.T, off_centre, *cube.T))
     first = np.ones(len(points), np.bool_)
     first[1:] = (np.diff(cube[order], axis=0) != 0).any(axis=1)
@@ -105,6 +112,9 @@ def thinned(points: Points, side: float) -> Points:
 
 
 def resolution(points: Points, cell: float) -> int:
-    """Return MeshLab's finest resolution, at most the paper's, with cells of `cell` or more."""
+    """Return the finest resolution of MeshLab's grid at which cells are `cell` wide or wider.
+
+    It is at least 1 and at most that of the paper. The points are [N, 3].
+    """
     longest = float(np.ptp(points.astype(np.float64), axis=0).max())
     return min(max(math.floor(GRID_MARGIN * longest / cell), 1), RESOLUTION)

@@ -1,8 +1,8 @@
-"""The surface that the network sees in a cloud: places near it are moved onto it.
+"""The surface that the network predicts for a cloud: it moves places near the cloud onto it.
 
-Every renderer that uses the network needs this. A cloud is filled up by moving places around its
-points. Of a mesh the corners are moved onto the surface, and normals are asked for at the middles
-of its faces.
+A renderer uses it in two ways. New points are made by moving places around the points of the cloud
+onto the surface. And a mesh is laid onto the surface: its corners are moved, and normals are asked
+for at the middles of its faces.
 """
 
 from __future__ import annotations
@@ -20,18 +20,19 @@ from data_prep.arrays import Floats
 from data_prep.failures import StageFailure
 from data_prep.scene import Points
 
-# Spacings from the nearest point: the network was shown places up to two along the surface.
+# Distance from the nearest point, in spacings, up to which places are moved. In training, places
+# were up to two spacings away along the surface, and a little above or below it.
 _NEAR = 2.5
 
 
 @dataclass(frozen=True, eq=False)
 class Projected:
-    """Places on the surface.
+    """Places that were moved onto the surface.
 
     points   float32 [Q, 3]
-    normals  float32 [Q, 3], unit vectors of any sign
-    near     bool [Q]: whether a point of the cloud is near the place; others are left where they
-             are, with the normal of the nearest point
+    normals  float32 [Q, 3], unit vectors of either sign
+    near     bool [Q]: whether a place was near a point of the cloud. Others were left where they
+             were, and have the normal of the nearest point
     """
 
     points: NDArray[np.float32]
@@ -40,13 +41,13 @@ class Projected:
 
 
 class LearnedSurface:
-    """The surface of a cloud by a network.
+    """The surface that a network predicts for a cloud.
 
     network  in evaluation mode
     points   different, finite points [N, 3], N > 1
 
-    spacing  the median spacing of the points, smoothed where they are noisy
-    notes    what was done to them
+    spacing  the median spacing of the points, after smoothing where they are noisy
+    notes    what was done to the points, for the user
     """
 
     def __init__(self, network: Upsampler, points: Points) -> None:
@@ -79,4 +80,6 @@ class LearnedSurface:
         bad = int((~torch.cat([points, told], dim=1).isfinite()).any(dim=1).sum())
         if bad:
             raise StageFailure("up-sampling", f"{bad} of {len(points)} points are not finite")
-        return Projected(*(values.cpu().numpy() for values in (points, told, near)))
+        return Projected(
+            points=points.cpu().numpy(), normals=told.cpu().numpy(), near=near.cpu().numpy()
+        )

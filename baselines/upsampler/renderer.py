@@ -1,9 +1,10 @@
 """upsampled-wrap as a method of the benchmark: an alpha wrap, laid onto the learned surface.
 
-The cloud is moved onto the surface, filled up, and wrapped, as `alpha-wrap` wraps the points alone.
-The wrap decides which parts are connected, but its faces are coarse. They are divided until half of
-their edges are at most 1.7 pixels long. Their corners are moved onto the surface, and then a little
-more, so that the faces look where the network says that the surface looks: sides become flat and
+The network moves the points of the cloud, and new points around them, onto the surface. All of
+these are wrapped, as `alpha-wrap` wraps the points of a cloud. The wrap decides which parts are
+connected, but its faces are coarse. So they are divided until half of their edges are at most 1.7
+pixels long, and their corners are moved onto the surface. At last corners move a little more, so
+that the normals of faces become those that the network predicts: flat sides become flat, and
 creases sharp.
 """
 
@@ -29,17 +30,19 @@ from data_prep.scene import Mesh, PointCloud
 from learning.exact import exact_inference
 from learning.weights import NetworkWeights
 
-# Points that are wrapped, for each of the cloud. On validation objects 8 gave no better images, nor
-# did 16 with a smaller ball: LPIPS was .001 to .003 higher, and they took .1 to .5 s more.
+# Points that are wrapped, for each one of the cloud. On validation objects 8 gave no better images,
+# nor did 16 with a smaller ball: LPIPS was .001 to .003 higher, and they took .1 to .5 s more.
 FILLED_UP = 4
-_OFFSET = FOOTPRINT / 4  # of the wrap from the points; the corners are moved back anyway
-_FACE = 1.7  # footprints: edges of faces are divided until half of them are shorter
-_MOST_DIVISIONS = 3
-_ROUNDS = 10  # in which corners follow the normals; more change nothing
+# Distance of the wrap from the points, in scene units: a quarter of a pixel. It is the smallest
+# that `wrapped` takes, because corners are moved onto the surface afterwards.
+_OFFSET = FOOTPRINT / 4
+_FACE = 1.7  # footprints: faces are divided until half of the edges are at most so long
+_MOST_DIVISIONS = 3  # times that faces are divided; each time has four times as many
+_ROUNDS = 10  # rounds in which corners move to fit the normals; more rounds change nothing
 
 
 class UpsampledWrapRenderer(DrawsReconstruction):
-    """A `data_prep.scene.Renderer` of the surface that the network sees in a cloud.
+    """A `data_prep.scene.Renderer` of the surface that the network predicts for a cloud.
 
     weights  trained network of `baselines.upsampler.weights.load_weights`; moved to `device`
     device   PyTorch's name of the device
@@ -51,11 +54,11 @@ class UpsampledWrapRenderer(DrawsReconstruction):
 
     @exact_inference()
     def prepare(self, cloud: PointCloud, rng: np.random.Generator | None = None) -> Reconstruction:
-        """Find the surface; no randomness, and the order of the points does not matter.
+        """Return the surface of a cloud; `rng` is not used, nor does the points' order matter.
 
-        Raises StageFailure: `input` (fewer than 11 different points in sight, or a non-finite one),
-        `up-sampling` (the network gives a place that is not finite) or `alpha-wrap` (MeshLab
-        refuses, or there is no face).
+        Raises StageFailure at the stage `input` (fewer than 11 different points are nearer than the
+        camera, or one is not finite), `up-sampling` (the network gives a place that is not finite)
+        or `alpha-wrap` (MeshLab refuses, or gives no face).
         """
         del rng
         points, notes = used_points(cloud, NORMAL_NEIGHBOURS + 1, MOST_POINTS, "surfaces")
@@ -66,7 +69,10 @@ class UpsampledWrapRenderer(DrawsReconstruction):
 
 
 def laid_onto(surface: LearnedSurface, mesh: Mesh) -> Mesh:
-    """Return a closed mesh near a surface, in grey, its faces divided and laid onto it."""
+    """Return a mesh whose faces are divided and laid onto a surface, in grey.
+
+    mesh  closed, and near the surface
+    """
     from trimesh.remesh import subdivide
 
     vertices, faces = mesh.vertices.astype(np.float64), mesh.faces
@@ -81,11 +87,16 @@ def laid_onto(surface: LearnedSurface, mesh: Mesh) -> Mesh:
 
 
 def turned_faces(vertices: Floats, faces: NDArray[np.integer], normals: Floats) -> Floats:
-    """Return vertices [V, 3] moved so that faces [F, 3] have given unit normals [F, 3].
+    """Return vertices [V, 3] moved so that faces get given normals.
 
-    In each round a vertex moves by the mean of its ways onto the planes through the middles of its
-    faces (Sun et al., Fast and effective feature-preserving mesh denoising, IEEE TVCG 13(5), 2007).
-    The signs of the normals do not matter; a mesh that has these normals stays as it is.
+    In each round every face has a plane through its middle, at right angles to the given normal. A
+    vertex moves by the mean of the steps that would take it onto the planes of its faces (Sun et
+    al., Fast and effective feature-preserving mesh denoising, IEEE TVCG 13(5), 2007). A mesh that
+    has these normals stays as it is.
+
+    vertices  [V, 3]
+    faces     [F, 3]
+    normals   [F, 3], unit vectors, whose signs do not matter
     """
     count = len(vertices)
     uses = np.bincount(faces.ravel(), minlength=count).clip(1)[:, None]

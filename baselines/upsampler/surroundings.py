@@ -1,7 +1,7 @@
-"""The surroundings of points as the network sees them, and the places around that it moves.
+"""What the network sees around each point of a cloud, and the places there that it moves.
 
-A noisy cloud is smoothed first, as `denoised-wrap` does it (`baselines.reconstruction.denoised`):
-the network corrects what that leaves.
+A noisy cloud is smoothed first, as `denoised-wrap` does it (`baselines.reconstruction.denoised`).
+The network corrects the errors that are left.
 """
 
 from __future__ import annotations
@@ -23,21 +23,27 @@ from baselines.upsampler.network import Surroundings
 from data_prep.arrays import Floats
 from data_prep.scene import Points
 
-# The ranks, by distance, of the neighbours that a point hears of: the eight nearest for detail,
-# farther ones for noise. With 2,048 points a standard deviation of 10 % is as far as the 20th to
-# 50th neighbour, and five rounds reach five times as far as one.
-RANKS = (*range(1, 9), 11, 15, 20, 27, 36, 48, 64, 88)
-_SPACING_NEIGHBOURS = 16  # as of `spacing`
-_DISC = 1.0  # radius of the disc around a point that is filled up, in spacings
-_UPRIGHT = 1e-6  # an offset of so small a part in the tangent plane has no direction there
-_GOLDEN_ANGLE = np.pi * (3 - np.sqrt(5))
+# The neighbours that the features of a point are computed from, by rank: 1 is the nearest. The
+# eight nearest show details, and farther ones are needed under noise: with 2,048 points, a standard
+# deviation of 10 % is as far as the 20th to the 50th neighbour. Features are computed in five
+# rounds, so that a point is reached by what is five times as far away.
+RANKS = (1, 2, 3, 4, 5, 6, 7, 8, 11, 15, 20, 27, 36, 48, 64, 88)
+# A point's spacing is half the distance to the nearest of this number (`stages.spacing`).
+_SPACING_NEIGHBOURS = 16
+_DISC = 1.0  # radius of the disc around a point in which new places lie, in spacings
+# An offset is upright, and has no direction in the tangent plane, where its part in the plane is
+# at most this share of its length: that is a rounding error.
+_UPRIGHT = 1e-6
+_GOLDEN_ANGLE = np.pi * (3 - np.sqrt(5))  # radians between two places that follow each other
 
 
 def surroundings(points: Points) -> tuple[Surroundings, tuple[str, ...]]:
-    """Return what the network sees around different, finite points [N, 3], N > 1, and notes.
+    """Return what the network sees around points, and notes for the user.
 
-    The notes say how noisy points were smoothed. Where a cloud has no neighbour of some rank, its
-    farthest point takes that place.
+    points  [N, 3], different and finite, N > 1
+
+    Notes tell how noisy the points are, and how they were smoothed. Where a cloud has too few
+    points for some of the RANKS, the farthest point takes their place.
     """
     raw, sample = searched(points)
     noise = noise_scale(sample)
@@ -63,28 +69,37 @@ def surroundings(points: Points) -> tuple[Surroundings, tuple[str, ...]]:
 
 
 def _normals(points: Floats) -> Floats:
-    return next(fit_planes(points, (1,))).normals
+    """Return unit normals [N, 3] of the planes of the points' nearest neighbours."""
+    (planes,) = fit_planes(points, (1,))
+    return planes.normals
 
 
 def places_around(seen: Surroundings, count: int) -> Tensor:
     """Return `count` places for each point, in its tangent plane, [N * count, 3].
 
-    The first is the point itself. They fill a disc evenly, in the order of a sunflower's seeds
-    (Vogel 1979). Angles start at the direction of the nearest point and grow to the side of the
-    second nearest, so that the places turn with the cloud.
+    The places of a point fill a disc evenly, in the order of a sunflower's seeds (Vogel 1979); the
+    first is the point itself. Angles are counted from the direction of the nearest neighbour,
+    towards the side of the second nearest, so that the places turn with the cloud.
     """
     number = np.arange(count)
-    distance, angle = _DISC * np.sqrt(number / count), number * _GOLDEN_ANGLE
+    distance = _DISC * np.sqrt(number / count)
+    angle = number * _GOLDEN_ANGLE
     spiral = np.column_stack([distance * np.cos(angle), distance * np.sin(angle)])
-    points, normals = (values.cpu().numpy().astype(float) for values in (seen.points, seen.normals))
-    first, second = (points[row] - points for row in seen.neighbours[:, :2].T.cpu().numpy())
-    tangents = _float32(_tangents(normals, first, second))
+    points = seen.points.cpu().numpy().astype(float)
+    normals = seen.normals.cpu().numpy().astype(float)
+    neighbours = seen.neighbours.cpu().numpy()
+    to_first = points[neighbours[:, 0]] - points
+    to_second = points[neighbours[:, 1]] - points
+    tangents = _float32(_tangents(normals, to_first, to_second))
     steps = (_float32(spiral) @ tangents).to(seen.points)  # [N, count, 3]
     return (seen.points[:, None] + steps * seen.radius[:, None, None]).flatten(0, 1)
 
 
 def _tangents(normals: Floats, first: Floats, second: Floats) -> Floats:
-    """Return tangents [N, 2, 3] at right angles: along a first offset, to the side of a second."""
+    """Return two unit vectors in the plane of each normal, at right angles, [N, 2, 3].
+
+    The first goes along the offset `first` [N, 3], the second to the side where `second` [N, 3] is.
+    """
     along = first - (first * normals).sum(axis=1, keepdims=True) * normals
     length = np.linalg.norm(along, axis=1, keepdims=True)
     upright = length <= _UPRIGHT * np.linalg.norm(first, axis=1, keepdims=True)

@@ -35,7 +35,7 @@ def test_the_ceiling_sees_through_every_condition_and_needs_the_mesh() -> None:
     for condition in CONDITIONS:
         perturbed = condition.perturbation.apply(CLOUD, np.random.default_rng(1))
         assert TrueMesh().prepare(perturbed) is CLOUD.source, condition.id
-    with pytest.raises(StageFailure, match="input: the cloud's mesh is not known"):
+    with pytest.raises(StageFailure, match="input: the cloud was not sampled from a known mesh"):
         TrueMesh().prepare(PointCloud(CLOUD.points))
 
 
