@@ -2,7 +2,7 @@
 
 `TrueMesh` renders the mesh that the cloud was sampled from, `Blank` draws white images. `Constant`
 draws one and the same image for every cloud, the one with the highest mean SSIM on the training
-set; a method that scores lower has not shown that it looked at the cloud. The image is `constant.png`,
+set; a method that scores lower has not shown that it looked at the cloud. It is `constant.png`,
 fitted to procedural training chairs (docs/maintaining.md, "Weights").
 """
 
