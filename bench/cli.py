@@ -124,12 +124,8 @@ def _ended(text: str, status: int = 2) -> typer.Exit:
 
 def _refused(error: Any) -> typer.Exit:
     """Return the exit of a usage error."""
-    from bench.catalogue.lookup import instead_of
-
     command = error.ctx.command_path if error.ctx else "bench"
-    option = f"{command.removeprefix('bench ')} {getattr(error, 'option_name', '')}"
-    message = plain_message(error.format_message())
-    return _ended(instead_of("option", option) or f"{message}; see '{command} --help'")
+    return _ended(f"{plain_message(error.format_message())}; see '{command} --help'")
 
 
 app = typer.Typer(

@@ -10,7 +10,6 @@ from pathlib import Path
 import pytest
 import yaml
 
-from bench.catalogue.lookup import GONE
 from bench.commands.cite import cite
 from studies.release import differences, version_of
 
@@ -59,12 +58,6 @@ def test_each_other_version_or_date_is_named(checkout, name, text, other, lines)
     assert text in before
     path.write_text(before.replace(text, other), "utf-8")
     assert len(differences(checkout)) == lines
-
-
-def test_the_changelog_has_each_name_that_is_gone():
-    text = (ROOT / "CHANGELOG.md").read_text("utf-8")
-    names = {name.split()[-1].replace("--no-", "--") for kind in GONE.values() for name in kind}
-    assert {name for name in names if name not in text} == set()
 
 
 def test_the_command_prints_what_yaml_reads_in_the_file(capsys):

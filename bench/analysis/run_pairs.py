@@ -14,7 +14,6 @@ from bench.analysis.comparison import best_first, candidates, known_objects, poo
 from bench.analysis.paired import by_method, paired_differences, two_methods
 from bench.analysis.scored_run import Run, read_run
 from bench.catalogue.chosen import BEST_CLASSICAL, CHOSEN, Cell
-from bench.catalogue.lookup import instead_of
 from bench.catalogue.methods import FLOOR
 from bench.catalogue.metrics import declared_metric, is_mean
 from bench.catalogue.suites import TRUTHS
@@ -282,8 +281,7 @@ def _refuse_unknown(option: str, wanted: Sequence[str], known: Sequence[str]) ->
     for name in wanted:
         if name not in known:
             raise BadInput(
-                instead_of("metric" if option == "--metric" else "method", name)
-                or f"{option} {name}: cannot be compared here; there are {', '.join(known)}"
+                f"{option} {name}: cannot be compared here; there are {', '.join(known)}"
             )
 
 

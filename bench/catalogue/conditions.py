@@ -14,7 +14,6 @@ from dataclasses import dataclass, replace
 from functools import cache
 from typing import TYPE_CHECKING, NamedTuple
 
-from bench.catalogue.lookup import unknown
 from data_prep.clouds.conditions import (
     CONDITIONS,
     Condition,
@@ -25,7 +24,7 @@ from data_prep.clouds.conditions import (
     Unchanged,
     UnevenDensity,
 )
-from data_prep.failures import BadInput, MissingDependency, StageFailure
+from data_prep.failures import BadInput, MissingDependency, StageFailure, unknown
 from data_prep.plugins import announced, load_entry_point
 
 if TYPE_CHECKING:  # `bench list` answers at once

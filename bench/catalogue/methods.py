@@ -16,10 +16,10 @@ from typing import Any, NamedTuple
 
 from bench.catalogue import loaders  # no package that is slow to import: `bench list` needs this
 from bench.catalogue.chosen import CHOSEN
-from bench.catalogue.lookup import family_of, find, instead_of, unknown, variant_of
+from bench.catalogue.lookup import family_of, find, variant_of
 from bench.catalogue.method import ANY_SIZE, IMAGES, Method, is_module_name, module_method
 from bench.catalogue.method_files import declared_files, with_files
-from data_prep.failures import BadInput
+from data_prep.failures import BadInput, unknown
 from data_prep.files.safe_read import is_regular_file
 from data_prep.plugins import announced, entry_point_folder, load_entry_point
 
@@ -197,8 +197,6 @@ def find_method(method_id: str) -> Method:
             f"{method_id}: images of an export, which cannot draw other clouds; give them to "
             "'bench run' of a suite that scores images"
         )
-    if (line := instead_of("method", method_id)) and method_id not in announced("method"):
-        raise BadInput(line)
     if (setting := find_setting(method_id)) is not None:
         parameter, value = setting
         method = find(parameter.method, METHODS, "method")

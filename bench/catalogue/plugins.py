@@ -12,7 +12,6 @@ from dataclasses import dataclass
 from typing import TYPE_CHECKING
 
 from bench.catalogue.conditions import OUR_CONDITIONS
-from bench.catalogue.lookup import unknown
 from bench.catalogue.methods import OUR_FAMILIES
 from bench.catalogue.metrics import (
     FURTHER_METRICS,
@@ -22,7 +21,7 @@ from bench.catalogue.metrics import (
     extractor_of,
     find_extractor,
 )
-from data_prep.failures import BadInput
+from data_prep.failures import BadInput, unknown
 from data_prep.plugins import (
     EXTRACTORS,
     OUR_KINDS,

@@ -12,9 +12,10 @@ from dataclasses import dataclass, replace
 from functools import partial
 from typing import Any, Literal
 
-from bench.catalogue.lookup import find, unknown
+from bench.catalogue.lookup import find
 from bench.catalogue.methods import find_method
 from bench.catalogue.metrics import JUDGE, extractor_of
+from data_prep.failures import unknown
 
 
 @dataclass(frozen=True)

@@ -14,7 +14,7 @@ from bench.analysis.distances import CellKey
 from bench.analysis.paper import NETWORK, SURFACE
 from bench.analysis.recognition import true_gallery
 from bench.analysis.scored_run import read_run
-from bench.catalogue.lookup import family_of, unknown
+from bench.catalogue.lookup import family_of
 from bench.catalogue.methods import FLOORS, known_method
 from bench.catalogue.metrics import JUDGE
 from bench.catalogue.suites import TRUTHS
@@ -40,7 +40,7 @@ from bench.tables import markdown
 from bench.tables.grid import BOLD, Cell, Grid, grid
 from bench.tables.published import seed_spreads
 from bench.tables.table import TABLES
-from data_prep.failures import BadInput
+from data_prep.failures import BadInput, unknown
 from data_prep.files.atomic_write import write_whole
 from learning.weights import card_of
 

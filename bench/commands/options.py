@@ -15,8 +15,7 @@ from typing import Annotated, Any, Literal, get_args, get_origin, get_type_hints
 import typer
 from typer.core import TyperGroup
 
-from bench.catalogue.lookup import unknown
-from data_prep.failures import BadInput
+from data_prep.failures import BadInput, unknown
 
 # Click's, which some Typers contain.
 USAGE_ERROR: Any = typer.BadParameter.__mro__[1]
