@@ -39,7 +39,7 @@ def image_frames(
     count = 0
     for name, result in jobs:
         part.append((name, result))
-        count += len(result.views) // (8 * len(OF_VIEWS))
+        count += result.count
         if count >= most:
             yield _image_frame(part)
             part, count = [], 0
@@ -50,7 +50,7 @@ def image_frames(
 def _image_frame(jobs: Sequence[tuple[JobName, Result]]) -> pd.DataFrame:
     names, results = zip(*jobs, strict=True)
     values = np.frombuffer(b"".join(result.views for result in results), "<f8")
-    counts = [len(result.views) // (8 * len(OF_VIEWS)) for result in results]
+    counts = [result.count for result in results]
     of_jobs = {
         "suite": [result.suite for result in results],
         **dict(zip(JOB, zip(*names, strict=True), strict=True)),

@@ -133,6 +133,11 @@ class Result:
         return not self.reason
 
     @property
+    def count(self) -> int:
+        """Return the number of views."""
+        return len(self.views) // (8 * len(OF_VIEWS))
+
+    @property
     def of_views(self) -> dict[str, Floats]:
         """Return the values [V] of the views by the names in OF_VIEWS; NaN where there is none."""
         values = np.frombuffer(self.views, "<f8").reshape(-1, len(OF_VIEWS))

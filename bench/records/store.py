@@ -1,11 +1,14 @@
 """The store of a run: one SQLite file with its jobs, their scores, their images and features.
 
     job     a row for each finished job, by its key: why it gave no images, its notes and times, the
-            directions and scores of its views, the checksums of its images and features, and the
-            environment that it was made in, as JSON
+            directions and scores of its views, the checksums of its images and features, the
+            environment that it was made in, as JSON, and the checksum of all this
     blob    the images and the features of each extractor, apart: scores are read without images
     listed  the jobs of the last complete run, in the order of its plan
     metric  the metrics of `bench score`; what they gave for each job is in score
+
+The checksum of a job is compared whenever a part of it is read. The other tables have an index over
+all their columns, so that SQLite's own integrity check finds any difference between the two.
 
 A result counts when its transaction is committed. A kill, a full disk or a power cut takes back
 only a result that has not been committed. While a run goes on, its last transactions lie in
@@ -17,10 +20,10 @@ from __future__ import annotations
 import json
 import os
 import sqlite3
-import zlib
 from collections.abc import Callable, Collection, Iterable, Iterator, Mapping
 from contextlib import closing, contextmanager, suppress
 from dataclasses import astuple, dataclass
+from functools import cache
 from hashlib import sha256
 from pathlib import Path
 from typing import Any, NamedTuple
@@ -36,7 +39,7 @@ from data_prep.files.safe_read import is_regular_file
 
 STORE = "run.sqlite"
 _APPLICATION_ID = 0x70633270  # "pc2p", in the header of the file
-_STORE_VERSION = 3
+_STORE_VERSION = 4
 PATIENCE_S = 10.0  # for a reader in another process to let go
 _MOST_NUMBER = 1e300  # greater ones overflow in sums
 MOST_VIEWS = 2**16
@@ -59,23 +62,22 @@ CREATE TABLE IF NOT EXISTS listed (
     place INTEGER PRIMARY KEY,
     method TEXT NOT NULL, condition TEXT NOT NULL, class TEXT NOT NULL, object TEXT NOT NULL,
     key TEXT NOT NULL,
-    crc INTEGER NOT NULL,
-    UNIQUE (method, condition, class, object)
+    UNIQUE (method, condition, class, object, key)
 );
 CREATE INDEX IF NOT EXISTS of_object ON listed (class, object);
 CREATE TABLE IF NOT EXISTS metric (
-    id TEXT PRIMARY KEY,
+    id TEXT NOT NULL,
     version INTEGER NOT NULL, about TEXT NOT NULL, higher_is_better INTEGER NOT NULL,
     decimals INTEGER NOT NULL,
-    crc INTEGER NOT NULL
+    UNIQUE (id, version, about, higher_is_better, decimals)
 );
 CREATE TABLE IF NOT EXISTS score (
-    metric TEXT NOT NULL, job INTEGER NOT NULL, data BLOB NOT NULL, sha256 TEXT NOT NULL,
-    PRIMARY KEY (metric, job)
-) WITHOUT ROWID;
+    metric TEXT NOT NULL, job INTEGER NOT NULL, data BLOB NOT NULL,
+    UNIQUE (metric, job, data)
+);
 """
-TABLES = _SCHEMA.count("CREATE TABLE")
 _JOB = "job.key, suite, reason, notes, prepare_s, draw_s, views, blobs, environment, sha256"
+_OF_JOB = _JOB.partition(", ")[2]  # all but the key
 _NAME = ", ".join(JOB)
 _IS_CELL = "method = ? AND condition = ? AND class = ?"
 _ARRAYS = "JOIN job USING (key) JOIN blob ON blob.job = job.id AND blob.name = ?"
@@ -120,6 +122,7 @@ class Store:
         self._connection = connection
         self.appended = 0  # jobs, by this process
         self.environment: Mapping[str, str] = {}  # that the jobs appended are made in
+        self._intact: set[str] = set()  # tables that SQLite has checked
 
     @property
     def is_empty(self) -> bool:
@@ -168,14 +171,17 @@ class Store:
         Raises KeyError for a job without, and DamagedJob where they are missing or have changed.
         """
         joined = "job LEFT JOIN blob ON blob.job = job.id AND blob.name = ?"
-        for row in self._rows(f"SELECT blobs, data FROM {joined} WHERE key = ?", name, key):
-            if name in self._names(key, row[0]):
-                return self._checked(key, name, *row)
+        for *row, data in self._rows(f"SELECT {_JOB}, data FROM {joined} WHERE key = ?", name, key):
+            self._result(tuple(row))  # refuses one that has changed
+            if name in self._names(key, row[7]):
+                return self._checked(key, name, row[7], data)
         raise KeyError(f"{name} of job {key}")
 
     def arrays(self, key: str) -> dict[str, bytes]:
         """Return the packed images and features of a job by name, as `array`."""
-        return {name: self.array(key, name) for name in self._names(key, self._row(key)[7])}
+        row = self._row(key)
+        self._result(row)  # refuses one that has changed
+        return {name: self.array(key, name) for name in self._names(key, row[7])}
 
     def _names(self, key: str, blobs: object) -> dict[str, str]:
         with suppress(ValueError, TypeError, RecursionError):
@@ -203,34 +209,20 @@ class Store:
             json.dumps({name: sha256(data).hexdigest() for name, data in result.arrays.items()}),
             packed_environment(self.environment),
         )
-        self._put((*row, row_checksum(row)), result.arrays)
-
-    def _put(self, row: tuple[Any, ...], arrays: Mapping[str, bytes]) -> None:
+        row = (*row, row_checksum(row))
+        marks = ", ".join("?" * len(row))
         with self._transaction() as execute:
-            _forget(execute, "key = ?", row[0])
-            marks = ", ".join("?" * len(row))
+            _forget(execute, "key = ?", result.key)
             job = execute(
                 f"INSERT INTO job ({_JOB.removeprefix('job.')}) VALUES ({marks})", row
             ).lastrowid
-            for name, data in arrays.items():
+            for name, data in result.arrays.items():
                 execute("INSERT INTO blob VALUES (?, ?, ?)", (job, name, data))
         self.appended += 1
 
-    def verify(self) -> None:
-        """Raise DamagedJob where a job of the complete run is not as its checksums."""
-        for (key,) in self._each("SELECT DISTINCT key FROM listed"):
-            try:
-                self.result(key)
-                self.arrays(key)
-            except KeyError as error:
-                raise DamagedJob(self.path, str(key), "records") from error
-
-    def forget_damaged(self, known: str = "") -> int:
-        """Remove the jobs of which anything has changed, also those of no complete run; count them.
-
-        `known` is the key of one that is.
-        """
-        damaged = {number for (number,) in self._rows("SELECT id FROM job WHERE key = ?", known)}
+    def forget_damaged(self) -> int:
+        """Remove the jobs of which anything has changed, also of no complete run; count them."""
+        damaged = set()
         for number, *row in self._each(f"SELECT id, {_JOB} FROM job"):
             try:
                 self.arrays(self._result(tuple(row)).key)
@@ -246,29 +238,44 @@ class Store:
         with self._transaction() as execute:
             execute("DELETE FROM listed")
             for key, name in jobs:
-                row = (*name, key, _crc((*name, key)))
-                execute(f"INSERT INTO listed ({_NAME}, key, crc) VALUES (?, ?, ?, ?, ?, ?)", row)
+                execute(f"INSERT INTO listed ({_NAME}, key) VALUES (?, ?, ?, ?, ?)", (*name, key))
 
     def _listed(
         self, columns: str, rest: str, *values: object
     ) -> Iterator[tuple[str, JobName, tuple[Any, ...]]]:
         """Yield key, name and some columns of jobs of the complete run. Raises BadInput."""
-        query = f"SELECT crc, {_NAME}, listed.key, {columns} FROM listed {rest}"
-        for crc, *row in self._each(query, *values):
-            *name, key = row[:5]
-            if crc != _crc((*name, key)) or not all(isinstance(text, str) for text in row[:5]):
-                raise BadInput(
-                    f"{self.path}: the list of its jobs is damaged; start the run again with its "
-                    "command, which writes it anew"
-                )
-            yield key, JobName(*name), tuple(row[5:])
+        query = f"SELECT {_NAME}, listed.key, {columns} FROM listed {rest}"
+        for row in self._each(query, *values):
+            if not all(isinstance(text, str) for text in row[:5]):
+                raise self._damaged_list()
+            yield row[4], JobName(*row[:4]), row[5:]
+
+    def _refuse_damaged_list(self) -> None:
+        if not self._is_intact("listed"):
+            raise self._damaged_list()
+
+    def _damaged_list(self) -> BadInput:
+        return BadInput(
+            f"{self.path}: the list of its jobs is damaged; start the run again with its command, "
+            "which writes it anew"
+        )
+
+    def _is_intact(self, table: str) -> bool:
+        """Return whether a table equals its index over all columns; looked at once."""
+        if table not in self._intact:
+            if self._rows(f"PRAGMA integrity_check({table})") != [("ok",)]:
+                return False
+            self._intact.add(table)
+        return True
 
     def listed(self, *obj: str) -> Iterator[JobRow]:
         """Yield the jobs of the complete run, or of an object (class, name), in its order."""
+        self._refuse_damaged_list()
         where = "WHERE class = ? AND object = ?" if obj else ""
         rest = f"LEFT JOIN job USING (key) {where} ORDER BY place"
-        rows = self._listed("reason = ''", rest, *obj)
-        return (JobRow(key, name, bool(drawn)) for key, name, (drawn,) in rows)
+        for key, name, row in self._listed(_OF_JOB, rest, *obj):
+            is_missing = row[0] is None
+            yield JobRow(key, name, not is_missing and self._result((key, *row)).has_images)
 
     def environments(self) -> list[tuple[dict[str, str], int]]:
         """Return the environments of the complete run's jobs, each with its number of jobs.
@@ -286,10 +293,11 @@ class Store:
 
         `only` gives values of the columns in JOB. Raises DamagedJob where one is missing, too.
         """
+        self._refuse_damaged_list()
         where = "".join(f" AND {JOB[JOB.index(name)]} = ?" for name in only)
         rest = f"LEFT JOIN job USING (key) WHERE method != '{GROUND_TRUTH}'{where} ORDER BY {_NAME}"
         before = ("",)
-        for key, name, row in self._listed(_JOB.partition(", ")[2], rest, *only.values()):
+        for key, name, row in self._listed(_OF_JOB, rest, *only.values()):
             if name <= before:  # an index that is damaged gives one twice, and leaves another out
                 raise DamagedJob(self.path, key, "records")
             before = name
@@ -297,6 +305,7 @@ class Store:
 
     def has_features(self, extractor: str) -> bool:
         """Return whether any job of the complete run has features by an extractor."""
+        self._refuse_damaged_list()  # for `features` and `images_with`, cell by cell
         return any(self._listed("1", f"{_ARRAYS} LIMIT 1", extractor))
 
     def features(
@@ -308,51 +317,57 @@ class Store:
         """
         rest = f"{_ARRAYS} WHERE {_IS_CELL} AND object BETWEEN ? AND ? ORDER BY object"
         values = (extractor, *cell, first, last)
-        for key, name, (blobs, data) in self._listed("blobs, data", rest, *values):
-            yield name.object_id, unpack(self._checked(key, extractor, blobs, data))
+        for key, name, (*row, data) in self._listed(f"{_OF_JOB}, data", rest, *values):
+            self._result((key, *row))  # refuses one that has changed
+            yield name.object_id, unpack(self._checked(key, extractor, row[6], data))
 
     def images_with(self, extractor: str, *cell: str) -> list[tuple[str, int]]:
         """Return a cell's objects that have features, sorted, with their numbers of views."""
         rest = f"{_ARRAYS} WHERE {_IS_CELL} ORDER BY object"
-        rows = self._listed("length(views)", rest, extractor, *cell)
-        return [(name.object_id, size // (8 * len(OF_VIEWS))) for _, name, (size,) in rows]
+        rows = self._listed(_OF_JOB, rest, extractor, *cell)
+        return [(name.object_id, self._result((key, *row)).count) for key, name, row in rows]
 
     def put_scores(self, metric: ScoredMetric, scores: Mapping[str, Floats]) -> None:
         """Store the scores [V] by a metric by the keys of jobs, in place of earlier ones."""
         with self._transaction() as execute:
-            row = [int(v) if isinstance(v, bool) else v for v in astuple(metric)]
-            execute("REPLACE INTO metric VALUES (?, ?, ?, ?, ?, ?)", (*row, _crc(row)))
+            execute("DELETE FROM metric WHERE id = ?", (metric.id,))
+            execute("INSERT INTO metric VALUES (?, ?, ?, ?, ?)", astuple(metric))
             execute("DELETE FROM score WHERE metric = ?", (metric.id,))
             for key, values in scores.items():
                 data = np.asarray(values, "<f8").tobytes()
                 execute(
-                    "INSERT INTO score SELECT ?, id, ?, ? FROM job WHERE key = ?",
-                    (metric.id, data, _score_checksum(metric.id, key, data), key),
+                    "INSERT INTO score SELECT ?, id, ? FROM job WHERE key = ?",
+                    (metric.id, data, key),
                 )
 
     def metrics(self) -> dict[str, ScoredMetric]:
         """Return the metrics that jobs were scored by, by id; none that cannot be used."""
         usable = {}
-        for *row, crc in self._rows("SELECT * FROM metric"):
+        for row in (
+            self._rows("SELECT * FROM metric ORDER BY id") if self._is_intact("metric") else ()
+        ):
             fits = [*map(type, row)] == [str, int, str, int, int] and 0 <= row[4] <= _MOST_DECIMALS
-            if fits and crc == _crc(row):
+            if fits:
                 usable[row[0]] = ScoredMetric(row[0], row[1], row[2], bool(row[3]), row[4])
-        return dict(sorted(usable.items()))  # an index may be damaged
+        return usable
 
     def scores(self, metric: str) -> Iterator[tuple[JobName, Floats | None]]:
         """Yield the scores [V] of the complete run's jobs that have images, sorted by name.
 
         None where a job has none, or others than were stored.
         """
+        self._refuse_damaged_list()
+        is_intact = self._is_intact("score")
         rest = (
             "JOIN job USING (key) LEFT JOIN score ON score.job = job.id AND score.metric = ? "
-            f"WHERE reason = '' AND method != '{GROUND_TRUTH}' ORDER BY {_NAME}"
+            f"WHERE method != '{GROUND_TRUTH}' ORDER BY {_NAME}"
         )
-        columns = "length(views), data, score.sha256"
-        for key, name, (size, data, checksum) in self._listed(columns, rest, metric):
-            fits = isinstance(data, bytes) and len(data) * len(OF_VIEWS) == size
-            whole = fits and _score_checksum(metric, key, data) == checksum
-            yield name, np.frombuffer(data, "<f8") if whole else None
+        for key, name, (*row, data) in self._listed(f"{_OF_JOB}, data", rest, metric):
+            result = self._result((key, *row))
+            if not result.has_images:
+                continue
+            fits = isinstance(data, bytes) and len(data) == 8 * result.count
+            yield name, np.frombuffer(data, "<f8") if fits and is_intact else None
 
     def digest(self) -> str:
         """Return a checksum of the complete run's jobs: their names, records and images."""
@@ -407,14 +422,6 @@ def row_checksum(row: tuple[Any, ...]) -> str:
     digest = sha256(repr((*row[:6], *row[7:])).encode("utf-8", "replace"))
     digest.update(row[6])
     return digest.hexdigest()
-
-
-def _score_checksum(metric: str, key: str, data: bytes) -> str:
-    return sha256(f"{metric} {key} ".encode() + data).hexdigest()
-
-
-def _crc(row: Iterable[object]) -> int:
-    return zlib.crc32(repr([*row]).encode("utf-8", "replace"))
 
 
 def _forget(execute: Callable[..., sqlite3.Cursor], where: str, value: object) -> None:
@@ -485,37 +492,47 @@ def _limited(connection: sqlite3.Connection) -> sqlite3.Connection:
 
 
 def _is_store(path: Path, connection: sqlite3.Connection) -> bool:
-    """Return whether a database has tables: a process may have been killed before it had made them.
+    """Return whether a database has all tables: a process may have been killed before it made them.
 
-    Raises BadInput for a database that is not a store of a version known here.
+    Raises BadInput for a database that is not a store of a version known here, and for one with
+    anything beside: a view, a trigger or a virtual table may execute anything, and without end.
     """
     try:
         ((application,),) = connection.execute("PRAGMA application_id")
         ((version,),) = connection.execute("PRAGMA user_version")
-        kinds = connection.execute("SELECT type, name, sql FROM sqlite_schema").fetchall()
-        tables = [name for kind, name, _ in kinds if kind == "table"]
-        # A view, a trigger or a virtual table may execute anything, and without end.
-        others = [
-            name
-            for kind, name, sql in kinds
-            if kind in ("view", "trigger") or (sql or "").upper().startswith("CREATE VIRTUAL")
-        ]
-        if others or (tables and application != _APPLICATION_ID):
+        made = _statements(connection)
+        if made and application != _APPLICATION_ID:
             raise BadInput(f"{path}: a database, but not the store of a run; move it away")
         if version > _STORE_VERSION:
             raise BadInput(
                 f"{path}: store version {version} is newer than {_STORE_VERSION}; update "
                 "pc2pix-bench"
             )
-        if tables and version < _STORE_VERSION:
+        if made and version < _STORE_VERSION:
             raise BadInput(
                 f"{path}: a store of version 2.0.0 or earlier, which this one does not read; "
                 "start the run again with another --out or --fresh"
             )
+        if not made <= _own_statements():
+            raise BadInput(f"{path}: a database, but not the store of a run; move it away")
     except BaseException:
         connection.close()
         raise
-    return len(tables) >= TABLES
+    return made == _own_statements()
+
+
+def _statements(connection: sqlite3.Connection) -> frozenset[str]:
+    """Return the statements that a database was made by."""
+    rows = connection.execute("SELECT sql FROM sqlite_schema WHERE sql IS NOT NULL")
+    return frozenset(sql for (sql,) in rows)
+
+
+@cache
+def _own_statements() -> frozenset[str]:
+    """Return the statements that a store is made by."""
+    with closing(sqlite3.connect(":memory:")) as connection:
+        connection.executescript(_SCHEMA)
+        return _statements(connection)
 
 
 _NO_FOLDER = "{}; its folder cannot be written: copy it, or give --out"

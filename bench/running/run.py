@@ -28,7 +28,7 @@ from bench.records.run_folder import (
     set_aside,
     write_manifest,
 )
-from bench.records.store import STORE, DamagedJob, Store, unpacked_environment
+from bench.records.store import STORE, Store, unpacked_environment
 from bench.running.environment import (
     ENVIRONMENTS,
     environment_changes,
@@ -345,20 +345,17 @@ def _open_checked(directory: Path, check: Callable[[], None], fresh: bool) -> It
     check()  # before anything is written there
     with open_folder(directory) as store:
         check()  # another process may have had the lock meanwhile
-        try:
-            yield store
-        except DamagedJob as error:
-            count = store.forget_damaged(error.key)
-            raise BadInput(
-                f"{store.path}: the images or records of {count} jobs are missing or altered; run "
-                "again, which draws them anew"
-            ) from error
+        if count := store.forget_damaged():
+            log(
+                f"{store.path}: the images or records of {count} jobs are missing or altered; they "
+                "are done again"
+            )
+        yield store
 
 
 def write_export(directory: Path, store: Store, seconds: dict[str, float]) -> None:
-    """Compare the jobs that the store lists to their checksums, and write their records."""
+    """Write the records of the jobs that the store lists."""
     with timed("tables", seconds):
-        store.verify()
         write_records(directory, store)
 
 

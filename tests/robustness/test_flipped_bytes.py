@@ -52,7 +52,6 @@ def make_store(folder: Path) -> None:
 def read_contents(folder: Path) -> object:
     """Return everything that the readers of a store give."""
     with open_store(folder) as store:
-        store.verify()
         jobs = [(row, store.arrays(row.key)) for row in store.listed()]
     records = read_records(folder)
     features = read_features(folder, EXTRACTOR)
