@@ -58,7 +58,7 @@ VIEWS = "fd-views"
 def _sums_of_metric(images: pd.DataFrame, name: str) -> pd.DataFrame:
     """Return the sums of a column of images, NAME_sum, and the numbers, NAME_count, a row a job.
 
-    NaN is no value. They are added in the order of the images, as in `sum_views`.
+    NaN is no value. They are added in the order of the images, as in `job_frame`.
     """
     values = images[name].to_numpy(np.float64)
     jobs = images.assign(job=images.groupby(JOB, sort=False, observed=True).ngroup())
@@ -114,7 +114,7 @@ def _without_nan(jobs: pd.DataFrame) -> pd.DataFrame:
 class Run:
     """A run whose images were scored: its jobs, its features, and what it compared.
 
-    jobs      one row a job as `bench.records.frames.sum_views`, by method and condition as in the
+    jobs      one row a job as `bench.records.frames.job_frame`, by method and condition as in the
               manifest and by class and object; a job that was not run has 0 planned images
     features  by extractor
     skipped   reasons of the extractors without features, and of the metrics without values

@@ -13,7 +13,6 @@ import pandas as pd
 from bench.analysis.scored_run import Run, full_frame, unmeasured
 from bench.catalogue.metrics import is_mean
 from bench.catalogue.suites import stored_suite
-from bench.records.frames import sum_views
 from bench.running.run import PartialRun
 from bench.tables.quality import headline
 from bench.tables.table import TABLES, Table, write_tables
@@ -42,7 +41,7 @@ class LiveTable:
         manifest, suite = snapshot.manifest, stored_suite(snapshot.manifest)
         means = [metric for metric in suite.headline if is_mean(metric)]
         for name in [name for name in manifest["objects"] if name not in self._jobs]:
-            self._jobs[name] = sum_views(snapshot.read_records(name))
+            self._jobs[name] = snapshot.read_jobs(name)
         jobs = full_frame(pd.concat(self._jobs.values()), manifest)
         skipped = unmeasured(jobs, manifest.get("skipped_metrics", {}))
         table = headline(Run(snapshot.directory, suite, manifest, jobs, skipped=skipped), means)

@@ -17,39 +17,75 @@ from numpy.typing import NDArray
 from bench.records.job import IMAGES, JobName, Result, unpack
 from bench.records.record import COLUMNS, JOB, OF_VIEWS, RECORDS_VERSION, SCORES, TIMES, TYPES
 from bench.records.store import STORE, JobRow, ScoredMetric, Store, open_store
-from data_prep.arrays import Floats32
+from data_prep.arrays import Floats, Floats32
 from data_prep.failures import BadInput
 from data_prep.files.atomic_write import atomic_write
 
 _RECORDS = "records.parquet"
 ImageKey = tuple[str, int]  # object, view
+NamedResult = tuple[JobName, Result]
 _IMAGES_AT_ONCE = 2**16  # whose records are in memory, some 20 MB
 _SUMMED = (*SCORES, *TIMES)
 
 
-def image_frames(
-    jobs: Iterable[tuple[JobName, Result]], most: int = _IMAGES_AT_ONCE
-) -> Iterator[pd.DataFrame]:
-    """Yield the records of jobs by view, part by part; a job is never divided.
-
-    The condition is that of the name: one job stands for every condition where its method does not
-    see the cloud.
-    """
-    part: list[tuple[JobName, Result]] = []
+def _parts(jobs: Iterable[NamedResult], most: int) -> Iterator[list[NamedResult]]:
+    """Yield the jobs in lists of at least `most` images, but for the last; none is divided."""
+    part: list[NamedResult] = []
     count = 0
     for name, result in jobs:
         part.append((name, result))
         count += result.count
         if count >= most:
-            yield _image_frame(part)
+            yield part
             part, count = [], 0
     if part:
-        yield _image_frame(part)
+        yield part
 
 
-def _image_frame(jobs: Sequence[tuple[JobName, Result]]) -> pd.DataFrame:
+def job_frame(jobs: Sequence[NamedResult]) -> pd.DataFrame:
+    """Return one row for each job, in their order.
+
+    It has the columns JOB, `reason` and `notes`; `planned` and `drawn`, its views and those with
+    images, which are all or none; its times; and for each column of scores and times, as `ssim`,
+    `ssim_sum` and `ssim_count`: the sum and the number of the values that are no NaN.
+    """
+    counts = np.array([result.count for _, result in jobs], np.int64)
+    has_images = np.array([result.has_images for _, result in jobs], bool)
+    columns: dict[str, Any] = {
+        name: np.array([job_name[i] for job_name, _ in jobs], object) for i, name in enumerate(JOB)
+    }
+    for name in ("reason", "notes"):
+        columns[name] = np.array([getattr(result, name) for _, result in jobs], object)
+    columns["planned"], columns["drawn"] = counts, np.where(has_images, counts, 0)
+    times = {name: [getattr(result, name) for _, result in jobs] for name in TIMES}
+    columns |= {name: np.array(values, np.float64) for name, values in times.items()}
+    job = np.repeat(np.arange(len(jobs)), counts)  # of each view
+    of_views = dict(zip(OF_VIEWS, _values(jobs).T, strict=True))
+    of_views |= {name: columns[name][job] for name in TIMES}
+    for name in _SUMMED:
+        values = of_views[name]
+        known = ~np.isnan(values)
+        sums = np.zeros(len(jobs))
+        # One after the other: equal images have equal sums to the last bit.
+        np.add.at(sums, job[known], values[known])
+        columns[f"{name}_sum"] = sums
+        columns[f"{name}_count"] = np.bincount(job[known], minlength=len(jobs))
+    return pd.DataFrame(columns, copy=False)
+
+
+def _values(jobs: Sequence[NamedResult]) -> Floats:
+    """Return the values in OF_VIEWS of all views, job after job, [V, OF_VIEWS]."""
+    packed = b"".join(result.views for _, result in jobs)
+    return np.frombuffer(packed, "<f8").reshape(-1, len(OF_VIEWS))
+
+
+def _image_frame(jobs: Sequence[NamedResult]) -> pd.DataFrame:
+    """Return one row for each view of jobs.
+
+    The condition is that of the name: one job stands for every condition where its method does not
+    see the cloud.
+    """
     names, results = zip(*jobs, strict=True)
-    values = np.frombuffer(b"".join(result.views for result in results), "<f8")
     counts = [result.count for result in results]
     of_jobs = {
         "suite": [result.suite for result in results],
@@ -62,17 +98,17 @@ def _image_frame(jobs: Sequence[tuple[JobName, Result]]) -> pd.DataFrame:
         for name, of_job in of_jobs.items()
     }
     columns["view"] = np.concatenate([np.arange(count, dtype=TYPES["view"]) for count in counts])
-    columns |= zip(OF_VIEWS, values.reshape(-1, len(OF_VIEWS)).T, strict=True)
+    columns |= zip(OF_VIEWS, _values(jobs).T, strict=True)
     return pd.DataFrame({name: columns[name] for name in COLUMNS}, copy=False)
 
 
-def _read_batches(directory: Path, **only: str) -> Iterator[pd.DataFrame]:
+def _read_parts(directory: Path, **only: str) -> Iterator[list[NamedResult]]:
     with open_store(directory) as store:
         if store.is_empty:
             raise BadInput(
                 f"{directory}: no finished jobs in {STORE}; the run is not finished, start it again"
             )
-        yield from image_frames(store.results(**only))
+        yield from _parts(store.results(**only), _IMAGES_AT_ONCE)
 
 
 def read_records(directory: Path, columns: Sequence[str] = COLUMNS, **only: str) -> pd.DataFrame:
@@ -81,7 +117,7 @@ def read_records(directory: Path, columns: Sequence[str] = COLUMNS, **only: str)
     `only` gives values of the columns that name a job, as `method="blank"`. Raises BadInput where
     the run is not finished, and where its store cannot be read or has changed.
     """
-    parts = [part[list(columns)] for part in _read_batches(directory, **only)]
+    parts = [_image_frame(part)[list(columns)] for part in _read_parts(directory, **only)]
     frame = pd.concat(parts, ignore_index=True) if parts else pd.DataFrame(columns=list(columns))
     return frame.astype({name: TYPES.get(name, "str") for name in columns})
 
@@ -101,43 +137,18 @@ def write_records(directory: Path, store: Store, most: int = _IMAGES_AT_ONCE) ->
         new.open("wb") as file,  # pyarrow opens no path that is not UTF-8
         pq.ParquetWriter(file, schema) as writer,
     ):
-        for part in image_frames(store.results(), most):
-            writer.write_table(pa.Table.from_pandas(part, schema, preserve_index=False))
+        for part in _parts(store.results(), most):
+            table = pa.Table.from_pandas(_image_frame(part), schema, preserve_index=False)
+            writer.write_table(table)
 
 
 def read_job_sums(directory: Path) -> pd.DataFrame:
-    """Return the jobs of a finished run as `sum_views`, sorted by name. Raises as `read_records`.
+    """Return the jobs of a finished run as `job_frame`, sorted by name. Raises as `read_records`.
 
     Ground truths are no rows, and memory does not grow with the number of views.
     """
-    none = sum_views(pd.DataFrame(columns=COLUMNS))
-    parts = [sum_views(part) for part in _read_batches(directory)]
-    return pd.concat(parts, ignore_index=True) if parts else none
-
-
-def sum_views(records: pd.DataFrame) -> pd.DataFrame:
-    """Return the jobs of some records, in whose order the images of a job follow each other.
-
-    Of each: JOB, `reason` and `notes`; `planned` and `drawn`, its views and those with images,
-    which are all or none; its times; and for each column of scores and times, as `ssim`,
-    `ssim_sum` and `ssim_count`: the sum and the number of the values that are no NaN.
-    """
-    names = records[JOB].astype(object)
-    begins = (names != names.shift()).any(axis=1).to_numpy()
-    job, first = begins.cumsum() - 1, records[begins]
-    text = [*JOB, "reason", "notes"]
-    jobs = first[text].astype(object).reset_index(drop=True)
-    jobs["planned"] = np.bincount(job, minlength=len(jobs))
-    jobs["drawn"] = np.bincount(job[records["outcome"] == "ok"], minlength=len(jobs))
-    jobs[list(TIMES)] = first[list(TIMES)].to_numpy(np.float64)
-    for name in (name for name in _SUMMED if name in records):
-        values = records[name].to_numpy(np.float64)
-        known = ~np.isnan(values)
-        sums, counts = np.zeros(len(jobs)), np.bincount(job[known], minlength=len(jobs))
-        # One after the other: equal images have equal sums to the last bit.
-        np.add.at(sums, job[known], values[known])
-        jobs[f"{name}_sum"], jobs[f"{name}_count"] = sums, counts
-    return jobs
+    parts = [job_frame(part) for part in _read_parts(directory)]
+    return pd.concat(parts, ignore_index=True) if parts else job_frame([])
 
 
 class Features(Protocol):

@@ -17,7 +17,7 @@ import pandas as pd
 
 from bench.catalogue.chosen import MeasuredMethod, cost_of
 from bench.catalogue.method import is_module_name
-from bench.records.frames import image_frames, write_records
+from bench.records.frames import job_frame, write_records
 from bench.records.job import shares, tenths, timed
 from bench.records.record import GROUND_TRUTH
 from bench.records.run_folder import (
@@ -80,13 +80,13 @@ class PartialRun:
     plan: Plan  # of all objects that the run is to have
     store: Store  # with the results of the complete ones
 
-    def read_records(self, name: str) -> pd.DataFrame:
-        """Return all records of an object.
+    def read_jobs(self, name: str) -> pd.DataFrame:
+        """Return the jobs of an object, one row each, as `bench.records.frames.job_frame`.
 
         A job that stands for every condition is there once for each.
         """
         jobs = self.plan.jobs_of(name).method_jobs
-        return pd.concat(image_frames((job.name, self.store.result(job.key)) for job in jobs))
+        return job_frame([(job.name, self.store.result(job.key)) for job in jobs])
 
 
 class ProgressReporter(typing.Protocol):

@@ -31,7 +31,7 @@ from bench.metrics.frechet import (
     object_blocks,
 )
 from bench.metrics.kernel_distance import KernelSet, kernel_distances
-from bench.records.frames import Artifact, read_records, sum_views, write_records
+from bench.records.frames import Artifact, job_frame, read_records, write_records
 from bench.records.job import Job, JobName, Result, pack, pack_views, unpack
 from bench.records.record import COLUMNS, GROUND_TRUTH, SCHEMA_VERSION, TYPES
 from bench.records.run_folder import open_folder, write_manifest
@@ -185,7 +185,7 @@ def scored_records(
 ) -> Run:
     """Return a scored run of these records, with distances by extractor, without a folder."""
     manifest = names_of(records) | manifest
-    jobs = full_frame(sum_views(records), manifest)
+    jobs = full_frame(job_frame(results_of(records)), manifest)
     return Run(Path("run"), suite, manifest, jobs, features or {}, skipped or {})
 
 
@@ -259,6 +259,15 @@ def result_of(key, records, **arrays) -> Result:
         pack_views(views, scores),
         {name: pack(array) for name, array in arrays.items()},
     )
+
+
+def results_of(records: pd.DataFrame) -> list[tuple[JobName, Result]]:
+    """The jobs of a frame of records, each with its name."""
+    by_name = {}
+    for record in records_of(records):
+        name = JobName(record.method, record.condition, record.class_name, record.object)
+        by_name.setdefault(name, []).append(record)
+    return [(name, result_of("/".join(name), of_job)) for name, of_job in by_name.items()]
 
 
 def write_all(directory, records):

@@ -11,7 +11,7 @@ import pytest
 from bench.analysis.scored_run import full_frame, read_run
 from bench.analysis.scores import image_rows
 from bench.catalogue.metrics import column
-from bench.records.frames import sum_views
+from bench.records.frames import job_frame
 from data_prep.failures import BadInput
 
 from ..builders import (
@@ -19,6 +19,7 @@ from ..builders import (
     make_manifest,
     make_record,
     names_of,
+    results_of,
     rows_of,
     scored_records,
     to_frame,
@@ -59,8 +60,7 @@ def test_a_stored_run_and_objects_one_by_one_give_the_same_to_the_bit(tmp_path, 
     write_all(tmp_path, records)
     run = read_run(tmp_path, make_manifest(**manifest))
     order = np.random.default_rng(1).permutation(len(records) // 12)
-    jobs = [pd.DataFrame(map(vars, records[12 * i : 12 * i + 12])) for i in order]
-    parts = [sum_views(job.rename(columns={"class_name": "class"})) for job in jobs]
+    parts = [job_frame(results_of(to_frame(records[12 * i : 12 * i + 12]))) for i in order]
     going_on = full_frame(pd.concat(parts), manifest)
     pd.testing.assert_frame_equal(going_on, run.jobs[going_on.columns], check_exact=True)
     assert run.objects_of == {"car": 3, "chair": 9}

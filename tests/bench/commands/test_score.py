@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import json
+import re
 import sqlite3
 import sys
 from contextlib import closing
@@ -232,15 +233,36 @@ def test_scores_of_a_run_that_has_changed_are_refused(copied, capsys):
     assert "was scored by dark-percent before it was changed" in capsys.readouterr().err
     score(copied, [DARK])
     assert read_scores(copied, "dark-percent")[1].equals(before)
-    for change in ("data = zeroblob(8)", "data = zeroblob(16)", "data = 7"):
+    for change in ("data = zeroblob(8)", "data = 7"):
         with closing(sqlite3.connect(copied / STORE)) as database, database:
             database.execute(f"UPDATE score SET {change}")
         with pytest.raises(BadInput, match="was scored by dark-percent before it was changed"):
             read_scores(copied, "dark-percent")
-    with closing(sqlite3.connect(copied / STORE)) as database, database:
-        database.execute("UPDATE metric SET decimals = 2")
-    with pytest.raises(BadInput, match="is not scored by dark-percent; run 'bench score "):
-        read_scores(copied, "dark-percent")
+
+
+def test_a_changed_byte_of_a_score_or_of_its_metric_is_refused_or_changes_nothing(copied):
+    """Each stands in its table and in the index; copies in free pages are of no account."""
+    score(copied, [DARK])
+    metric, before = read_scores(copied, "dark-percent")
+    path = copied / STORE
+    data = path.read_bytes()
+    scored = before["value"].to_numpy("<f8")[:2].tobytes()
+    for kept, told in (
+        (scored, "was scored by dark-percent before it was changed"),
+        (metric.about.encode(), "is not scored by dark-percent; run 'bench score "),
+    ):
+        refusals = []
+        for place in (match.start() for match in re.finditer(re.escape(kept), data)):
+            changed = bytes([data[place] ^ 1])
+            path.write_bytes(data[:place] + changed + data[place + 1 :])
+            try:
+                _, scores = read_scores(copied, "dark-percent")
+            except BadInput as error:
+                refusals.append(str(error))
+            else:
+                assert scores.equals(before)
+        assert len(refusals) >= 2
+        assert all(told in message for message in refusals)
 
 
 def test_three_digits_of_the_spread_are_printed():

@@ -9,9 +9,10 @@ import pytest
 
 from bench.catalogue.suites import TableSpec
 from bench.commands.terminal import MOST_LINES, SHARE, LiveTable, Terminal, shown
+from bench.records.frames import job_frame
 from bench.running.run import PartialRun
 
-from ..builders import SUITE, make_record, rows_of, to_frame, value_row, value_table
+from ..builders import SUITE, make_record, results_of, rows_of, to_frame, value_row, value_table
 
 
 def make_row(method="splat", value=0.5, condition="2048"):
@@ -109,12 +110,13 @@ class Part:
             "skipped_metrics": {"fd-alexnet": "skipped: no weights"},
         }
 
-    def read_records(self, name):
+    def read_jobs(self, name):
         name = name.partition("/")[2]
-        return to_frame(
+        records = [
             make_record(method, obj=name, ssim_object=score, lpips=None)
             for method, score in SCORES.items()
-        )
+        ]
+        return job_frame(results_of(to_frame(records)))
 
 
 def test_the_table_is_written_and_says_which_intervals_it_has(tmp_path):
