@@ -31,7 +31,7 @@ COMMANDS = {  # name: module and name in it, first line of its help
     "check": ("check:check", "Compare a run with golden values or itself; exit 1 if not equal."),
     "report": ("results:report", "Make an HTML page of a run, and an index over several."),
     "compare": ("results:compare", "Compare two runs, or two methods of one, object by object."),
-    "score": ("score:score_run", "Measure a finished run with metrics of other packages."),
+    "score": ("score:score", "Measure a finished run with metrics of other packages."),
     "render": ("render:render_clouds", "Draw the point clouds of files."),
     "train": ("train:app", "Train the networks."),
     "data": ("data:app", "Inspect, verify and export datasets."),

@@ -131,9 +131,9 @@ def add(
 
     Only its jobs are done. Exit 1 if the test finds what blocks a run, or if all its images fail.
     """
-    from bench.commands.publish import run_suite
     from bench.commands.run import leave, print_ending
-    from bench.commands.terminal import shown
+    from bench.commands.terminal import shown, watching
+    from bench.finish import run_suite
     from bench.report.build import REPORT
     from bench.tables.standing import standing_lines
     from bench.tables.terminal import terminal_width
@@ -149,7 +149,7 @@ def add(
     for name in asked:
         if test and is_own(name):
             _pass_test(name)
-    finished = run_suite(options)
+    finished = run_suite(options, watching())
     ids = [find_run_method(name).id for name in asked]
     if finished.outputs is not None:
         run, headline = finished.outputs.run, finished.outputs.headline

@@ -36,7 +36,7 @@ _COMPARISONS = "comparisons"
 
 def table(directory: RunDirectory, format_: FormatOption = None) -> None:
     """Make the tables of a run again, from its records."""
-    from bench.commands.publish import print_outputs
+    from bench.commands.printing import print_outputs
     from bench.tables.build import write_outputs
 
     read_run(directory)  # one that is refused keeps its folder as it is, without a lock
@@ -128,7 +128,7 @@ def compare(
 ) -> None:
     """Compare two runs, or two methods of one, object by object: who is ahead, and is it shown."""
     from bench.analysis.run_pairs import methods_of_run, runs
-    from bench.commands.publish import in_format
+    from bench.commands.printing import in_format
     from bench.report.run_figures import write_differences
     from bench.tables.differences import comparison_lines, differences_table
     from bench.tables.table import table_files

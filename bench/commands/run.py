@@ -17,10 +17,13 @@ from bench.catalogue.plugins import find_metric
 from bench.catalogue.suites import ALL_SUITES, TRUTHS, Suite
 from bench.commands.config import ConfigOption, refuse_other_objects
 from bench.commands.options import RUN_OPTIONS, FormatOption, options_from_dataclass
-from bench.commands.publish import Outputs, in_format, print_outputs, run_suite
+from bench.commands.printing import in_format, print_outputs
+from bench.commands.terminal import watching
+from bench.finish import run_suite
 from bench.report.build import REPORT
 from bench.running.options import Options
 from bench.running.run import RunResult, RunStatus, run_status
+from bench.tables.build import Outputs
 from bench.tables.markdown import visible
 from data_prep.failures import BadInput
 
@@ -138,7 +141,7 @@ def run(
         print("\n".join(texts))
         print(f"{result.summary}\nresults in {result.directory}", file=sys.stderr)
         return
-    finished = run_suite(options)
+    finished = run_suite(options, watching())
     if finished.outputs is not None:
         print_outputs(finished.outputs, format_)
     print_ending(finished)

@@ -6,6 +6,7 @@ import shutil
 import time
 from collections.abc import Callable
 from contextlib import AbstractContextManager, ExitStack
+from functools import partial
 from typing import Any
 
 import pandas as pd
@@ -13,7 +14,7 @@ import pandas as pd
 from bench.analysis.scored_run import Run, full_frame, unmeasured
 from bench.catalogue.metrics import is_mean
 from bench.catalogue.suites import stored_suite
-from bench.running.run import PartialRun
+from bench.running.run import PartialRun, Watch
 from bench.tables.quality import headline
 from bench.tables.table import TABLES, Table, write_tables
 from bench.tables.terminal import grid_lines, laid_out, terminal_width
@@ -47,6 +48,11 @@ class LiveTable:
         table = headline(Run(snapshot.directory, suite, manifest, jobs, skipped=skipped), means)
         write_tables(snapshot.directory, [table])
         return table
+
+
+def watching() -> Watch:
+    """Return what watches a run: a reporter of its progress, with the headline table so far."""
+    return partial(Terminal, LiveTable().table)
 
 
 class Terminal(AbstractContextManager["Terminal"]):

@@ -100,7 +100,7 @@ class ProgressReporter(typing.Protocol):
 
 
 # Takes title and number of the jobs to be done.
-_Watch = Callable[[str, int], AbstractContextManager[ProgressReporter]]
+Watch = Callable[[str, int], AbstractContextManager[ProgressReporter]]
 
 
 @dataclass(frozen=True)
@@ -124,7 +124,7 @@ class RunResult(Generic[Outputs]):
 def run(
     options: Options,
     publish: Publish[Outputs],
-    watch: _Watch,
+    watch: Watch,
     make_budget: Callable[[float | None], Budget] = Budget,
 ) -> RunResult[Outputs]:
     """Carry out a run, or what is left of it, for as long as its budget allows.
@@ -284,7 +284,7 @@ def _do_jobs(
     schedule: Schedule,
     tabled: Collection[str],
     snapshot: Callable[[], PartialRun],
-    watch: _Watch,
+    watch: Watch,
 ) -> bool:
     """Do the jobs that are left; return whether Ctrl-C came when an object was complete.
 

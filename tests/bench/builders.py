@@ -17,13 +17,14 @@ import pandas as pd
 import pytest
 from harness_objects import Tetrahedron
 
+from bench import finish
 from bench.analysis.distances import Distance
 from bench.analysis.scored_run import Run, full_frame, read_run
 from bench.analysis.scores import HIDDEN, NOTHING, VALUE_COLUMNS
 from bench.catalogue.methods import FLOORS
 from bench.catalogue.metrics import IMAGE_METRICS, column
 from bench.catalogue.suites import SUITES, Suite, TableSpec
-from bench.commands.terminal import LiveTable, Terminal
+from bench.commands.terminal import LiveTable, Terminal, watching
 from bench.metrics.frechet import (
     JackknifeMoments,
     frechet_distance,
@@ -38,7 +39,8 @@ from bench.records.run_folder import open_folder, write_manifest
 from bench.records.store import STORE
 from bench.running.options import Options
 from bench.running.protocol import Protocol, find_methods
-from bench.tables.build import write_outputs
+from bench.running.run import RunResult
+from bench.tables.build import Outputs, write_outputs
 from bench.tables.grid import records
 from bench.tables.quality import quality_table
 from data_prep.clouds.conditions import CONDITIONS, Unchanged
@@ -318,6 +320,11 @@ def records_of(frame) -> list[Record]:
 def watched(reporter=Terminal, *arguments) -> dict[str, Any]:
     """The argument `watch` of a run with a live table, as commands give it."""
     return {"watch": partial(reporter, *arguments, LiveTable().table)}
+
+
+def run_suite(options: Options) -> RunResult[Outputs]:
+    """Run a suite with its tables, figures and report, as `bench run` does."""
+    return finish.run_suite(options, watching())
 
 
 def refusal(function, *arguments):

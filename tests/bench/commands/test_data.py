@@ -13,12 +13,12 @@ import numpy as np
 import pytest
 
 from bench.commands.data import REAL_MESHES, inspect, verify
-from bench.commands.publish import run_suite
 from bench.running.options import Options
 from data_prep.datasets.registry import ProceduralObject
 from data_prep.files.clouds import save_ply
 
 from ...data_prep.dataset_trees import write_obj, write_paper_tree
+from ..builders import run_suite
 
 CHAIR = "03001627"
 

@@ -274,7 +274,6 @@ CASES: dict[str, str] = {
     "add splat no-request": "manifest.json: not a manifest (request is None, no object)",
     "compare run --methods splat,true-mesh --metric flip": "run: is not scored by flip; run 'bench "
     "score run --metrics flip' first",
-    "compare run --methods splat,true-mesh --metric kd-effnet": "metric 'kd-effnet' went with ",
     "compare run --methods splat,true-mesh --metric unheard-of": "--metric unheard-of: cannot be c",
     "score run --metrics fid": "run: fid: not measured, not here; start the run again so, which ta",
     "score run --metrics kid": "run: fid: not measured, not here; start the run again so, which ta",

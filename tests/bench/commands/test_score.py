@@ -17,7 +17,7 @@ from bench.analysis.further_metrics import checked_features, checked_scores, dig
 from bench.analysis.scored_run import read_run
 from bench.catalogue.plugins import ImageMetric, SetMetric
 from bench.commands.config import read_config
-from bench.commands.score import score
+from bench.finish import score_run
 from bench.metrics.frechet import frechet_distance
 from bench.metrics.inception_weights import WeightsUnavailable
 from bench.metrics.kernel_distance import kernel_distance
@@ -33,6 +33,11 @@ from data_prep.datasets.protocol_version import PROTOCOL_VERSION
 from data_prep.failures import BadInput
 
 from ..builders import as_failed, damage_images, rows_of
+
+
+def score(directory, metrics):
+    return score_run(read_run(directory), metrics)
+
 
 TWO = np.zeros((2, 128, 128, 3), np.uint8)
 

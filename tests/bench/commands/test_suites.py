@@ -16,7 +16,6 @@ import bench.running.run
 from bench.analysis.scored_run import read_run
 from bench.catalogue.methods import find_setting
 from bench.catalogue.suites import SUITES
-from bench.commands.publish import run_suite
 from bench.judges.views import Labels, ViewsNetwork, to_file
 from bench.records.run_folder import read_manifest
 from bench.running.options import Options
@@ -26,7 +25,7 @@ from data_prep.randomness import generator
 from data_prep.shapes.catalogue import CLASSES
 from learning.weights import FILES
 
-from ..builders import drop_features, write_run
+from ..builders import drop_features, run_suite, write_run
 
 ROBUSTNESS, TRADE, THIRTEEN, BEYOND = (suite.id for suite in SUITES)
 CONDITIONS = ["512", "2048", "noise-0.05", "noise-0.20", "missing-0.50"]

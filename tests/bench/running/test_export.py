@@ -13,7 +13,6 @@ import pytest
 
 from bench.catalogue.lookup import find
 from bench.catalogue.suites import SUITES
-from bench.commands.publish import run_suite
 from bench.running.export import export
 from bench.running.options import Options
 from bench.running.plan import plan
@@ -24,7 +23,7 @@ from data_prep.datasets.registry import open_dataset
 from data_prep.failures import BadInput
 from data_prep.randomness import generator
 
-from ..builders import refusal
+from ..builders import refusal, run_suite
 
 OPTIONS = Options("chair-robustness", conditions=("noise-0.10", "512"), limit=2, views=3, workers=1)
 

@@ -14,8 +14,8 @@ import pytest
 from bench.catalogue.method import ALLOWED, allow_modules, module_method
 from bench.catalogue.method_files import source_sha256
 from bench.commands.contract import options_of
-from bench.commands.publish import publish, run_suite
 from bench.commands.terminal import Terminal
+from bench.finish import write_tables_and_figures
 from bench.records.frames import read_records
 from bench.records.run_folder import open_folder, read_manifest, write_manifest
 from bench.records.store import STORE
@@ -25,7 +25,7 @@ from bench.running.protocol import Protocol
 from bench.running.run import executors_for, open_run, run
 from data_prep.failures import BadInput
 
-from ..builders import file_bytes, finished_options, make_manifest, stored_keys, watched
+from ..builders import file_bytes, finished_options, make_manifest, run_suite, stored_keys, watched
 
 TABLE = "tables/table3_ssim.csv"
 
@@ -118,7 +118,7 @@ def test_an_extension_that_is_stopped_leaves_the_outputs_and_goes_on(
     """With a further method: one of three objects is complete when Ctrl-C comes."""
     manifest, seen = read_manifest(copied), []
     options = options_of(copied, ["constant"], workers=1)
-    stopped = run(options, publish, **watched(Stopped, 1, copied, seen))
+    stopped = run(options, write_tables_and_figures, **watched(Stopped, 1, copied, seen))
     assert (stopped.interrupted, stopped.outputs) == (True, None)
     assert (stopped.objects, stopped.planned, stopped.done) == (1, 3, 1)
     assert seen == [manifest]  # a kill finds the run as it was, too

@@ -25,8 +25,8 @@ import bench.running.protocol
 import bench.running.run
 from bench.analysis.scored_run import read_run
 from bench.catalogue.suites import SUITES
-from bench.commands.publish import publish, run_suite
 from bench.commands.terminal import Terminal
+from bench.finish import write_tables_and_figures
 from bench.records.frames import read_jobs
 from bench.records.record import GROUND_TRUTH
 from bench.records.run_folder import open_store, read_manifest
@@ -46,6 +46,7 @@ from ..builders import (
     finished_options,
     make_manifest,
     rows_of,
+    run_suite,
     stored_keys,
     watched,
 )
@@ -265,7 +266,7 @@ def test_some_objects_now_and_the_others_later(
     monkeypatch.setenv("COLUMNS", "100")  # pytest-xdist sets 80
     directory = tmp_path / "run"
     options = finished_options(tiny_weights, directory)
-    first = run(options, publish, **watched(Interrupted))
+    first = run(options, write_tables_and_figures, **watched(Interrupted))
     assert (first.interrupted, first.objects, first.planned, first.done) == (True, 1, 3, 8)
     assert read_manifest(directory)["objects"] == ["chair/test-0000"]
     interim_table = (directory / "tables" / "headline.md").read_text()
@@ -276,7 +277,7 @@ def test_some_objects_now_and_the_others_later(
     assert set(records(directory)["object"]) == {"test-0000"}
 
     more = replace(options, budget=100.0)
-    second = run(more, publish, make_budget=OneMore, **watched())
+    second = run(more, write_tables_and_figures, make_budget=OneMore, **watched())
     assert (second.interrupted, second.objects, second.reused) == (False, 2, 8)
     assert read_manifest(directory)["finished"]
     status, out, err = command("table", directory)
@@ -314,7 +315,12 @@ def test_what_hangs_when_the_budget_ends_is_stopped_and_the_rest_is_kept(
     start = time.monotonic()
     with plugin_methods.installed(tmp_path / "site", monkeypatch):
         with pytest.raises(BadInput, match=r"--budget 10s: used up .*; [123] of its jobs are kept"):
-            run(options, publish, make_budget=lambda seconds: Budget(10.0), **watched())
+            run(
+                options,
+                write_tables_and_figures,
+                make_budget=lambda seconds: Budget(10.0),
+                **watched(),
+            )
         assert time.monotonic() - start < 10 + 2
     assert len(stored_keys(options.directory)) in (1, 2, 3)
     assert multiprocessing.active_children() == []
@@ -343,7 +349,7 @@ def test_a_manifest_that_another_run_writes_meanwhile_stays(no_machine, copied, 
 
     monkeypatch.setattr(bench.running.run, "plan", plan)
     with pytest.raises(BadInput, match="another run has changed it just now; run again"):
-        run(options, publish, **watched())
+        run(options, write_tables_and_figures, **watched())
     assert json.loads(manifest.read_bytes())["finished"] == "later"
 
 
@@ -391,7 +397,7 @@ def counted_run(options):
     status = run_status(options)
     to_do = status.jobs
     counts = {"total": 0, "ended": 0}
-    done = run(options, publish, **watched(Counting, counts))
+    done = run(options, write_tables_and_figures, **watched(Counting, counts))
     assert (done.done, done.reused) == (to_do, status.done)
     assert (counts["total"], counts["ended"]) == (to_do, to_do)
     assert counts.get("failed", done.failed) == done.failed
