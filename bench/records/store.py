@@ -500,25 +500,25 @@ def _is_store(path: Path, connection: sqlite3.Connection) -> bool:
     try:
         ((application,),) = connection.execute("PRAGMA application_id")
         ((version,),) = connection.execute("PRAGMA user_version")
-        made = _statements(connection)
-        if made and application != _APPLICATION_ID:
+        present = _statements(connection)
+        if present and application != _APPLICATION_ID:
             raise BadInput(f"{path}: a database, but not the store of a run; move it away")
         if version > _STORE_VERSION:
             raise BadInput(
                 f"{path}: store version {version} is newer than {_STORE_VERSION}; update "
                 "pc2pix-bench"
             )
-        if made and version < _STORE_VERSION:
+        if present and version < _STORE_VERSION:
             raise BadInput(
                 f"{path}: a store of version 2.0.0 or earlier, which this one does not read; "
                 "start the run again with another --out or --fresh"
             )
-        if not made <= _own_statements():
+        if not present <= _own_statements():
             raise BadInput(f"{path}: a database, but not the store of a run; move it away")
     except BaseException:
         connection.close()
         raise
-    return made == _own_statements()
+    return present == _own_statements()
 
 
 def _statements(connection: sqlite3.Connection) -> frozenset[str]:

@@ -27,6 +27,7 @@ from bench.running.protocol import (
     name_of,
     objects_to_search,
 )
+from data_prep.datasets.objects import SceneObject
 from data_prep.datasets.registry import open_dataset
 from data_prep.failures import BadInput
 from data_prep.progress import log
@@ -105,9 +106,9 @@ def planned_objects(options: Options, protocol: Protocol, held: HeldRun) -> int:
 def _refuse_other_names(asked: Protocol, held: HeldRun, directory: Path) -> None:
     """Refuse other methods and conditions than those of the run in the folder."""
     for kind, here in (("methods", asked.methods), ("conditions", asked.conditions)):
-        there = held.manifest[kind]
-        lacking = [name for name in there if name not in here]
-        further = [name for name in here if name not in there]
+        names = held.manifest[kind]
+        lacking = [name for name in names if name not in here]
+        further = [name for name in here if name not in names]
         if not lacking and not further:
             continue
         differing = [f"without {', '.join(further)}"] if further else []
@@ -138,9 +139,9 @@ def _refuse_other_objects(asked: Protocol, held: HeldRun, directory: Path) -> No
 
 def _with_added(asked: Protocol, held: HeldRun, directory: Path) -> Protocol:
     """Return the protocol of the run in a folder with the methods that are asked for."""
-    there = _methods_there(directory, asked, held.manifest)
+    kept = _methods_there(directory, asked, held.manifest)
     order = dict.fromkeys((*held.manifest["methods"], *asked.methods))
-    methods = {**there, **asked.methods}
+    methods = {**kept, **asked.methods}
     return replace(
         asked,
         methods={name: methods[name] for name in order},
@@ -149,7 +150,9 @@ def _with_added(asked: Protocol, held: HeldRun, directory: Path) -> Protocol:
     )
 
 
-def _objects_there(directory: Path, asked: Protocol, manifest: Mapping[str, Any]) -> Sequence[Any]:
+def _objects_there(
+    directory: Path, asked: Protocol, manifest: Mapping[str, Any]
+) -> tuple[SceneObject, ...]:
     """Return the objects of the run in a folder, as the dataset orders them; refuse lost ones."""
     wanted = {*manifest["objects"]}
     dataset = open_dataset(asked.dataset)
