@@ -129,6 +129,11 @@ class Store:
         """Return whether no job is finished."""
         return not self._rows("SELECT 1 FROM job LIMIT 1")
 
+    @property
+    def has_list(self) -> bool:
+        """Return whether jobs of a complete run are listed, whole or damaged."""
+        return bool(self._rows("SELECT 1 FROM listed LIMIT 1"))
+
     def find(self, keys: Collection[str]) -> dict[str, Result]:
         """Return the results of the finished jobs: key, suite, reason and environment alone."""
         rows = self._rows(

@@ -53,7 +53,7 @@ def read_held(directory: Path, asked: Protocol) -> HeldRun:
     if not manifest:
         return HeldRun()
     with open_store(directory) as store:
-        if not manifest.get("finished") and next(store.listed(), None) is None:
+        if not manifest.get("finished") and not store.has_list:
             return HeldRun(manifest)  # it was stopped before it had tables
         is_emptied = store.is_empty
     was = {**manifest["environment"], **manifest["feature_identity"]}

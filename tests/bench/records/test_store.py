@@ -2,6 +2,7 @@ from __future__ import annotations
 
 import io
 import os
+import re
 import signal
 import sqlite3
 import tracemalloc
@@ -220,6 +221,24 @@ def test_records_that_have_changed_are_refused_and_their_job_forgotten(tmp_path,
         assert f" of job {job.key} are missing or altered; start" in message
         assert store.forget_damaged() == 1
         assert store.find([job.key, other.key]).keys() == {other.key}
+
+
+def test_a_changed_name_is_refused_and_the_next_run_writes_the_list_anew(tmp_path):
+    """In the table and in its index: SQLite compares the two."""
+    job, other = fill(tmp_path, "splat", "blank")
+    path, told = tmp_path / STORE, "the list of its jobs is damaged; start the run again"
+    data = path.read_bytes()
+    places = [match.start() for match in re.finditer(b"splat2048chair", data)]
+    assert len(places) == 2
+    for place in places:
+        path.write_bytes(data[:place] + b"t" + data[place + 1 :])
+        with open_store(tmp_path) as store:
+            for read in (store.listed, store.results, lambda: [store.has_features("judge")]):
+                assert told in refusal(lambda read=read: [*read()])
+    named = [(job.key, job.name), (other.key, other.name)]
+    with open_folder(tmp_path) as store:
+        store.list_jobs(named)
+        assert [(row.key, row.name) for row in store.listed()] == named
 
 
 def test_a_listed_job_that_is_gone_is_named(tmp_path):
