@@ -42,42 +42,47 @@ class HeldRun:
 
     manifest: Mapping[str, Any] = field(default_factory=dict)
     tabled: frozenset[str] = frozenset()  # the objects ("class/name") of the tables there
+    is_emptied: bool = False  # its store has no job any more
 
 
 def read_held(directory: Path, asked: Protocol) -> HeldRun:
-    """Return the run in a folder. Raises BadInput for a folder with something else.
-
-    Lines on stderr say why its finished jobs are done again. Nothing is written.
-    """
+    """Return the run in a folder. Raises BadInput for a folder with something else."""
     manifest = check_directory(directory, asked.fixed)
     if not manifest:
         return HeldRun()
     with open_store(directory) as store:
         if not manifest.get("finished") and not store.has_list:
             return HeldRun(manifest)  # it was stopped before it had tables
-        is_emptied = store.is_empty
-    was = {**manifest["environment"], **manifest["feature_identity"]}
-    now = {**asked.environment, **asked.feature_identity}
-    if changed := [name for name in {**was, **now} if was.get(name) != now.get(name)]:
-        log(f"{directory}: was made with another {', '.join(changed)}; all its jobs are done again")
-    if is_emptied:
-        log(f"{directory}: {STORE} has none of its finished jobs any more; all are done again")
-    return HeldRun(manifest, frozenset(manifest["objects"]))
+        return HeldRun(manifest, frozenset(manifest["objects"]), store.is_empty)
 
 
 def protocol_in_folder(asked: Protocol, held: HeldRun, options: Options) -> Protocol:
     """Return the protocol of a run in its folder: as asked, or for `bench add` with what is there.
 
-    Raises BadInput where the folder holds another request, with what differs, and for `bench add`
-    where a part of the run there is not known here.
+    Lines on stderr say why finished jobs are done again. Raises BadInput where the folder holds
+    another request, with what differs, and for `bench add` where a part of the run there is not
+    known here.
     """
     if not held.manifest:
         return asked
     if options.adds:
-        return _with_added(asked, held, options.directory)
-    _refuse_other_names(asked, held, options.directory)
-    _refuse_other_objects(asked, held, options.directory)
-    return asked
+        protocol = _with_added(asked, held, options.directory)
+    else:
+        _refuse_other_names(asked, held, options.directory)
+        _refuse_other_objects(asked, held, options.directory)
+        protocol = asked
+    if held.tabled:
+        _tell_done_again(asked, held, options.directory)
+    return protocol
+
+
+def _tell_done_again(asked: Protocol, held: HeldRun, directory: Path) -> None:
+    was = {**held.manifest["environment"], **held.manifest["feature_identity"]}
+    now = {**asked.environment, **asked.feature_identity}
+    if changed := [name for name in {**was, **now} if was.get(name) != now.get(name)]:
+        log(f"{directory}: was made with another {', '.join(changed)}; all its jobs are done again")
+    if held.is_emptied:
+        log(f"{directory}: {STORE} has none of its finished jobs any more; all are done again")
 
 
 def stated_request(options: Options, protocol: Protocol, held: HeldRun) -> dict[str, Any]:

@@ -173,9 +173,10 @@ def test_more_objects_are_those_of_the_dataset_and_the_objects_there_are_among_t
 
 
 def test_equal_protocols_are_equal_whatever_their_folder_holds(tmp_path, no_machine):
-    write_manifest(tmp_path, make_manifest(device="auto", objects=["chair/test-0000"]))
-    same = {"methods": ("splat", "true-mesh", "blank")}
-    assert asked(tmp_path, **same) == asked(tmp_path / "new", **same)
+    conditions = list(OF_RUN["conditions"])
+    there = make_manifest(device="auto", objects=["chair/test-0000"], conditions=conditions)
+    write_manifest(tmp_path, there)
+    assert asked(tmp_path, **OF_RUN) == asked(tmp_path / "new", **OF_RUN)
 
 
 def test_a_run_that_was_killed_while_its_tables_were_made_keeps_them(
