@@ -3,9 +3,9 @@
     python -m studies.figures [NAME ...] [--meshes PATH] [-o docs]
 
 Figures are drawn as those of a run are; better is up or to the right. Sheets show what methods draw
-of objects, `answer`, `real-objects` and `scans` of those in the folder of real meshes PATH (`bench
-data verify` knows it), and without it they are left out. All images are 800 pixels wide, and
-readable at half of that.
+of objects, `answer`, `real-objects` and `scans` of those in the folder of real meshes PATH
+(docs/datasets.md has its checksum), and without it they are left out. All images are 800 pixels
+wide, and readable at half of that.
 """
 
 from __future__ import annotations

@@ -8,7 +8,8 @@ of quality, and `NAME-differences.csv`: networks against the best classical meth
 object, as `bench compare` does, and further tables of the run that pages quote. `costs` writes the
 table of costs, `results/costs.csv`; `claims` has no run, but reads those of the suites that claims
 are about, in `results/runs`, and writes `results/claims.md`. `results/docs/measured.csv` has date,
-commit and processor of each. PATH is the folder of real meshes that `bench data verify` knows.
+commit and processor of each. PATH is the folder of real meshes, see
+docs/datasets.md.
 """
 
 from __future__ import annotations

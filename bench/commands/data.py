@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-import csv
+import hashlib
 import shlex
 import sys
 from collections.abc import Mapping, Sequence
@@ -31,7 +31,6 @@ from bench.running.isolation import WorkerFailure, run_tasks
 from bench.running.options import Options
 from bench.running.protocol import name_of
 from bench.tables.markdown import visible
-from bench.tables.published import RESULTS
 from data_prep.clouds.far_points import note_on_scale
 from data_prep.datasets.dataset import Dataset, listed
 from data_prep.datasets.exported import COLUMNS, METADATA, listed_files
@@ -41,12 +40,10 @@ from data_prep.datasets.registry import BareCloud, is_dataset, open_dataset, rec
 from data_prep.datasets.stored_meshes import MeshFile
 from data_prep.failures import BadInput, MissingDependency, NoFaces
 from data_prep.files.checksums import file_sha256
-from data_prep.files.meshes import SUFFIXES
 from data_prep.files.safe_read import files_below, is_regular_file
 from data_prep.progress import progress
 from data_prep.randomness import generator
 
-REAL_MESHES = RESULTS / "real-meshes.csv"
 _EXPORTED_SUFFIXES = (".csv", ".ply", ".png")
 LIMITS = Limits(time_s=120.0, memory_gib=4.0)  # for one object
 _ENDLESS_SAMPLE = 3  # objects of a class where the dataset has no end
@@ -110,6 +107,7 @@ def inspect(location: str, sample: int, workers: int) -> _Inspection:
         f"orientation  {dataset.orientation}",
         *_counts(dataset),
         *((f"left out     {dataset.left_out}",) if dataset.left_out else ()),
+        *_checksum(dataset),
         f"read         {len(chosen)} objects",
         *fit,
         *(("clouds       points without faces: they can be drawn, not scored",) if clouds else ()),
@@ -135,6 +133,24 @@ def _counts(dataset: Dataset) -> list[str]:
     if not dataset.splits:
         lines.append("splits       none: all objects are taken")
     return lines
+
+
+def _checksum(dataset: Dataset) -> list[str]:
+    """Return a line with one sha256 for a folder of meshes, of whatever else none.
+
+    It is that of the lines which `sha256sum` prints of the files, sorted by their names. The files
+    of materials are not in it.
+    """
+    objects = [obj for obj in dataset.finite or () if isinstance(obj, MeshFile)]
+    try:
+        lines = {name_of(obj): f"{file_sha256(obj.path)}  {name_of(obj)}\n" for obj in objects}
+    except BadInput:
+        return []  # of a file that cannot be read, which the objects read tell
+    if not lines:
+        return []
+    text = "".join(lines[name] for name in sorted(lines))
+    digest = hashlib.sha256(text.encode()).hexdigest()
+    return [f"checksum     {digest} of {len(lines)} files"]
 
 
 def _sample(dataset: Dataset, sample: int) -> list[SceneObject]:
@@ -220,32 +236,29 @@ def _fit(reports: Mapping[str, _ObjectReport]) -> tuple[list[str], list[str]]:
     return [f"angles       {message}; {against}"], []
 
 
-def verify(folder: Path, listing: Path = REAL_MESHES) -> tuple[int, list[tuple[str, str]]]:
-    """Compare the files of a folder with a list of files and checksums.
+def verify(folder: Path) -> tuple[int, list[tuple[str, str]]]:
+    """Compare the files of an export with its own list of files and checksums.
 
-    The list of an export is its own; others are compared with the real meshes. Return the number of
-    files that are those of the list, and kind and name of each that differs. Raises BadInput for a
-    missing folder or list.
+    Return the number of files that are those of the list, and kind and name of each that differs.
+    Raises BadInput for a missing folder, and for one that is no export.
     """
     if not folder.is_dir():
-        raise BadInput(f"{folder}: no such folder; give that of the meshes, or an export")
-    if (folder / METADATA).is_file():
-        wanted, suffixes = listed_files(folder), _EXPORTED_SUFFIXES
-    elif any((folder / name).is_file() for name in COLUMNS):
+        raise BadInput(f"{folder}: no such folder; give an export")
+    if not (folder / METADATA).is_file():
+        if any((folder / name).is_file() for name in COLUMNS):
+            raise BadInput(
+                f"{folder}: an export without its {METADATA}, which has the checksums of its "
+                "lists; fetch that file, or export it again"
+            )
         raise BadInput(
-            f"{folder}: an export without its {METADATA}, which has the checksums of its lists; "
-            "fetch that file, or export it again"
+            f"{folder}: no export; give one, or use 'bench data inspect', which prints the "
+            "checksum of a folder of meshes"
         )
-    elif not listing.is_file():
-        raise BadInput(f"{listing}: no such file; run from a checkout that has it")
-    else:
-        with listing.open(encoding="utf-8", newline="") as file:
-            wanted = {row["file"]: row["sha256"] for row in csv.DictReader(file)}
-        suffixes = SUFFIXES
+    wanted = listed_files(folder)
     files = {
         path.relative_to(folder).as_posix(): path
         for name in sorted({PurePosixPath(name).parts[0] for name in wanted})
-        for path in _files_at(folder / name, suffixes)
+        for path in _files_at(folder / name)
     }
     common = wanted.keys() & files.keys()
     kinds = {
@@ -257,9 +270,9 @@ def verify(folder: Path, listing: Path = REAL_MESHES) -> tuple[int, list[tuple[s
     return len(common) - len(kinds["CHANGED"]), differing
 
 
-def _files_at(place: Path, suffixes: Sequence[str]) -> tuple[Path, ...]:
+def _files_at(place: Path) -> tuple[Path, ...]:
     if place.is_dir():
-        return files_below(place, suffixes)[0]
+        return files_below(place, _EXPORTED_SUFFIXES)[0]
     return (place,) if is_regular_file(place) else ()
 
 
@@ -291,11 +304,9 @@ def _inspect_data(
 
 @app.command("verify")
 def _verify_data(
-    folder: Annotated[
-        Path, path_argument("FOLDER", "An export, or the real meshes in sub-folders by class.")
-    ],
+    folder: Annotated[Path, path_argument("FOLDER", "An export.")],
 ) -> None:
-    """Check that a folder is a whole export, or has the real meshes of the docs. Exit 1 if not."""
+    """Check that an export is whole. Exit 1 if not."""
     same, differing = verify(folder)
     print(f"{same} files are those of the list")
     for kind, name in differing:

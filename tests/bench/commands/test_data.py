@@ -1,4 +1,4 @@
-"""`bench data inspect` and `bench data verify`, and runs on trees in the paper's layout."""
+"""`bench data inspect`, and runs on trees in the paper's layout."""
 
 from __future__ import annotations
 
@@ -12,7 +12,7 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from bench.commands.data import REAL_MESHES, inspect, verify
+from bench.commands.data import inspect
 from bench.running.options import Options
 from data_prep.datasets.registry import ProceduralObject
 from data_prep.files.clouds import save_ply
@@ -21,6 +21,8 @@ from ...data_prep.dataset_trees import write_obj, write_paper_tree
 from ..builders import run_suite
 
 CHAIR = "03001627"
+REPOSITORY = Path(__file__).resolve().parents[3]
+REAL_MESHES = REPOSITORY / "results" / "real-meshes.csv"
 
 
 @pytest.fixture(scope="module")
@@ -110,8 +112,10 @@ def test_a_folder_of_meshes_with_what_is_none(tmp_path, command):
         "class        chair: objects 5",
         "class        all: objects 5",
         "splits       none: all objects are taken",
+        lines[5],
         "read         5 objects",
     ]
+    assert re.fullmatch("checksum     [0-9a-f]{64} of 5 files", lines[5])
     assert irregular.startswith("IRREGULAR    2 of 5 read: it cannot be used (first chair/bad.ply")
     assert use == f"use          --dataset 'folder:{folder}'"
 
@@ -138,36 +142,25 @@ def test_the_embedded_set(command):
     assert out.endswith("use          --dataset procedural\n")
 
 
-@pytest.fixture
-def meshes(tmp_path) -> Path:
-    """Return a folder of three files, and a list of two of them and one more."""
-    for name, text in (("car/a.ply", "a"), ("car/b.ply", "other"), ("lamp/c.obj", "c")):
-        (tmp_path / "set" / name).parent.mkdir(parents=True, exist_ok=True)
-        (tmp_path / "set" / name).write_text(text)
-    (tmp_path / "set" / "car" / "README.txt").write_text("no mesh")
-    sums = {name: sha256(name[4].encode()).hexdigest() for name in ("car/a.ply", "car/b.ply")}
-    rows = [f"{name},{value}\n" for name, value in (*sums.items(), ("lamp/d.ply", "0"))]
-    (tmp_path / "list.csv").write_text("file,sha256\n" + "".join(rows))
-    return tmp_path
+def test_a_folder_of_meshes_has_the_checksum_of_its_files(tmp_path, command):
+    """Materials, clouds and other files are not in it."""
+    texts = {"lamp/c.obj": "c", "car/b.ply": "other", "car/a.ply": "a", "car/more/a.off": "d"}
+    for name, text in texts.items():
+        (tmp_path / name).parent.mkdir(parents=True, exist_ok=True)
+        (tmp_path / name).write_text(text)
+    (tmp_path / "car" / "README.txt").write_text("no mesh")
+    names = ("car/a.ply", "car/b.ply", "car/more/a.off", "lamp/c.obj")
+    expected = checksum({name: sha256(texts[name].encode()).hexdigest() for name in names})
+    _, out, _ = command("data", "inspect", tmp_path, "--sample", "0")
+    assert f"checksum     {expected} of 4 files\n" in out
 
 
-def test_a_folder_is_compared_with_the_list(meshes):
-    found = verify(meshes / "set", meshes / "list.csv")
-    assert found == (
-        1,
-        [("MISSING", "lamp/d.ply"), ("CHANGED", "car/b.ply"), ("FURTHER", "lamp/c.obj")],
-    )
+def checksum(sums):
+    """The sha256 of what `sha256sum` prints of files."""
+    return sha256("".join(f"{sums[name]}  {name}\n" for name in sums).encode()).hexdigest()
 
 
-def test_verify_prints_the_files_that_differ(meshes, command):
-    """The folder has none of the real meshes."""
-    status, out, _ = command("data", "verify", meshes / "set")
-    assert status == 1
-    assert out.startswith("0 files are those of the list\nMISSING  airplane/")
-    assert out.endswith("FURTHER  car/a.ply\nFURTHER  car/b.ply\nFURTHER  lamp/c.obj\n")
-
-
-def test_the_list_of_real_meshes():
+def test_the_list_of_real_meshes_and_its_checksum_on_the_page():
     with REAL_MESHES.open(newline="") as file:
         rows = list(csv.DictReader(file))
     assert len(rows) == len({row["file"] for row in rows}) == 107
@@ -175,6 +168,9 @@ def test_the_list_of_real_meshes():
         assert re.fullmatch("[0-9a-f]{64}", row["sha256"])
         assert re.fullmatch("[0-9a-f]{40}", row["commit"])
         assert all(row[field] for field in ("repository", "path", "licence"))
+    sums = {row["file"]: row["sha256"] for row in rows}
+    page = (REPOSITORY / "docs" / "datasets.md").read_text(encoding="utf-8")
+    assert f"`{checksum(dict(sorted(sums.items())))}`" in page
 
 
 @pytest.mark.slow

@@ -134,8 +134,8 @@ CASES: dict[str, str] = {
     "train gan --steps x": "see 'bench train gan --help'",
     # --- names that there are not
     "rnder": "unknown command 'rnder': did you mean 'render'? there are run, list, table, check, "
-    "report and 11 more; see 'bench --help'",
-    "xyz": "unknown command 'xyz': there are run, list, table, check, report and 11 more; ",
+    "report and 10 more; see 'bench --help'",
+    "xyz": "unknown command 'xyz': there are run, list, table, check, report and 10 more; ",
     "train gann": "unknown command 'gann': did you mean 'gan'? there are autoencoder, ",
     "list metrcs": "unknown section 'metrcs': did you mean 'metrics'? there are suites, methods, "
     "variants, conditions, metrics and 1 more; see 'bench list --help'",
@@ -167,7 +167,8 @@ CASES: dict[str, str] = {
     "test folder:/no/such": "/no/such: no such folder",
     "data inspect nowhere": "nowhere: no such folder",
     "data inspect shapenet:thesis": "no ShapeNetCore here",
-    "data verify gone": "gone: no such folder; give that of the meshes, or an export",
+    "data verify meshes": "meshes: no export; give one, or use 'bench data inspect', which prints",
+    "data verify gone": "gone: no such folder; give an export",
     # --- numbers
     f"{ROBUSTNESS} --limit 0": "--limit 0: must be at least 1",
     f"{ROBUSTNESS} --views -2": "--views -2: must be at least 1",
