@@ -13,14 +13,14 @@ from types import ModuleType
 from typing import TYPE_CHECKING, Any
 
 if TYPE_CHECKING:
-    from bench.rendering.points import draw_cloud, turntable
+    from bench.draw.points import draw_cloud, turntable
 
 __all__ = ["draw_cloud", "turntable"]
 
 _PUBLIC = {
     "methods": "bench.catalogue.methods",  # Method
     "image_metric": "bench.catalogue.plugins",  # ImageMetric
-    "render_cloud": "bench.rendering.cloud",  # draw_cloud, draw_file
+    "render_cloud": "bench.draw.cloud",  # draw_file
 }
 
 
@@ -43,4 +43,4 @@ def __getattr__(name: str) -> Any:
     """Return a public function, whose module is imported now."""
     if name not in __all__:
         raise AttributeError(f"module 'bench' has no attribute '{name}'")
-    return getattr(import_module("bench.rendering.points"), name)
+    return getattr(import_module("bench.draw.points"), name)

@@ -243,9 +243,9 @@ def _write_deviations(directory: Path, moved: Sequence[GoldenDeviation], ours: b
     """
     from bench.checking.objects import SIDE, golden_thumbnails, stored_images
     from bench.checking.objects import number as rounded
+    from bench.draw.files import write_images
+    from bench.draw.finish import Tile, draw_sheet
     from bench.records.frames import stored_artifacts
-    from bench.rendering.files import write_images
-    from bench.rendering.finish import Tile, draw_sheet
     from bench.tables.published import golden_name
 
     path = _moved_path(directory)

@@ -7,14 +7,14 @@ from importlib import import_module
 import pytest
 
 import bench
-from bench.rendering.points import draw_cloud
+from bench.draw.points import draw_cloud
 
 
 def test_the_same_object_by_both_names():
     for module, name, inside in (
         ("bench.methods", "Method", "bench.catalogue.methods"),
         ("bench.image_metric", "ImageMetric", "bench.catalogue.plugins"),
-        ("bench.render_cloud", "draw_cloud", "bench.rendering.cloud"),
+        ("bench.render_cloud", "draw_file", "bench.draw.cloud"),
         ("bench.inception", "FidInception", "bench.metrics.inception"),
         ("bench.metrics", "lpips", "bench.metrics.lpips_network"),
         ("bench.metrics", "ssim", "bench.metrics.structural_similarity"),

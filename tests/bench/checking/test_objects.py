@@ -28,9 +28,9 @@ from bench.checking.objects import (
     to_png,
 )
 from bench.checking.tolerances import PRINTED, object_tolerance
+from bench.draw.finish import LABEL_HEIGHT, MARGIN, PROBLEM_GROUND
 from bench.records.frames import read_jobs, stored_artifacts
 from bench.records.run_folder import open_store, read_manifest, write_manifest
-from bench.rendering.finish import LABEL_HEIGHT, MARGIN, PROBLEM_GROUND
 from bench.running.environment import environment_of, is_same, told_mixture
 from bench.tables.build import write_outputs
 from bench.tables.published import golden, golden_name

@@ -10,7 +10,7 @@ import pytest
 import torch
 
 import bench
-from bench.rendering.cloud import Drawing, Failed, draw_cloud
+from bench.draw.cloud import Drawing, Failed, draw_in_process
 from data_prep.clouds.normalise import normalise_points
 from data_prep.failures import BadInput, StageFailure
 from data_prep.randomness import generator
@@ -35,7 +35,7 @@ def warnings_of(draw):
 
 def test_any_method_from_all_around_and_in_other_axes(points):
     views = tuple(View(90.0 * i, 10.0) for i in range(4))
-    expected = draw_cloud(normalise_points(points), Drawing("splat", views))
+    expected = draw_in_process(normalise_points(points), Drawing("splat", views))
     assert not isinstance(expected, Failed)
     assert np.array_equal(bench.turntable(points, 4, 10, method="splat"), expected)
     x, y, z = points.T
@@ -187,7 +187,7 @@ def test_what_a_method_does_to_the_points_is_a_warning_where_it_is_called(method
         warnings.simplefilter("always")
         bench.draw_cloud(points, method=method)
         bench.turntable(points, 2, method=method)
-        draw_cloud(normalise_points(points), Drawing(method, (View(0, 0),)))
+        draw_in_process(normalise_points(points), Drawing(method, (View(0, 0),)))
     assert [str(warning.message) for warning in caught] == 3 * said
     assert {warning.filename for warning in caught} <= {__file__}
 

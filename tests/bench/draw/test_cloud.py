@@ -9,12 +9,12 @@ import pytest
 from PIL import Image
 
 import bench
-import bench.rendering.cloud
+import bench.draw.cloud
 from bench.catalogue.methods import find_method
 from bench.catalogue.suites import Limits
 from bench.commands.render import with_remedy
-from bench.rendering.cloud import CloudFile, Drawing, Failed, draw_cloud, draw_file
-from bench.rendering.finish import LABEL_HEIGHT, MARGIN, PROBLEM_GROUND
+from bench.draw.cloud import CloudFile, Drawing, Failed, draw_file, draw_in_process
+from bench.draw.finish import LABEL_HEIGHT, MARGIN, PROBLEM_GROUND
 from data_prep.clouds.normalise import normalise_points
 from data_prep.failures import BadInput
 from data_prep.files.clouds import save_ply
@@ -65,7 +65,7 @@ def test_the_image_is_that_of_the_method_and_of_the_clouds_axes(command, tmp_pat
     out = tmp_path / "out.png"
     chosen = ("--azimuth=-60", "--elevation=-10", "--as-is", "--up", "z", "--front", "x", "-o", out)
     assert command("render", tmp_path / "theirs.npy", "--method", "splat", *chosen)[0] == 0
-    here = draw_cloud(PointCloud(points), Drawing("splat", (View(-60.0, -10.0),)))
+    here = draw_in_process(PointCloud(points), Drawing("splat", (View(-60.0, -10.0),)))
     assert not isinstance(here, Failed)
     assert np.array_equal(read(out), here[0])
     assert (here < 255).any()
@@ -242,19 +242,19 @@ def test_random_numbers_are_the_same_each_time(plugins):
     """The method fails with any but those."""
     views = (View(30.0, 20.0),)
     drawing = Drawing("fake-unlucky", views)
-    once, twice = (draw_cloud(PointCloud(POINTS), drawing) for _ in range(2))
+    once, twice = (draw_in_process(PointCloud(POINTS), drawing) for _ in range(2))
     assert not isinstance(once, Failed)
     assert not isinstance(twice, Failed)
     assert np.array_equal(once, twice)
     other = Drawing("fake-unlucky", views, rng=generator("other"))
-    assert draw_cloud(PointCloud(POINTS), other) == Failed("ValueError: bad luck")
+    assert draw_in_process(PointCloud(POINTS), other) == Failed("ValueError: bad luck")
 
 
 def test_views_can_be_drawn_some_a_call(plugins):
     views = (View(30.0, 20.0), View(40.0, 20.0), View(50.0, 20.0))
     cloud = PointCloud(POINTS)
-    together = draw_cloud(cloud, Drawing("fake-several-views", views))
-    one_by_one = draw_cloud(cloud, Drawing("fake-several-views", views, batch=1))
+    together = draw_in_process(cloud, Drawing("fake-several-views", views))
+    one_by_one = draw_in_process(cloud, Drawing("fake-several-views", views, batch=1))
     assert together == Failed("ValueError: one at a time")
     assert not isinstance(one_by_one, Failed)
     assert one_by_one[:, 0, 0, 0].tolist() == [30, 40, 50]
@@ -327,7 +327,7 @@ def test_a_sheet_shows_the_cloud_and_every_method(command, plugins, cloud, tmp_p
     view = (View(30.0, 20.0),)
     assert np.array_equal(dots, draw_dots(points.points, view)[0])
     assert healthy[0, :4, 0].tolist() == [30, 20, 3, 10]
-    alone = draw_cloud(points, Drawing("splat", view))
+    alone = draw_in_process(points, Drawing("splat", view))
     assert not isinstance(alone, Failed)
     assert np.array_equal(splat, alone[0])
     assert [tuple(tile[0, 0]) for tile in failed] == [PROBLEM_GROUND] * 2

@@ -10,7 +10,8 @@ import pytest
 import bench
 from bench.catalogue.chosen import measured_methods
 from bench.catalogue.methods import RECOMMENDED, RECOMMENDED_IN_COLOUR
-from bench.rendering.request import RenderOptions, methods_to_draw, notes_on_methods, views_of
+from bench.commands.render import RenderOptions, views_of
+from bench.draw.choice import methods_to_draw, notes_on_methods
 from data_prep.failures import BadInput
 from data_prep.files.clouds import save_ply
 from data_prep.randomness import generator

@@ -4,7 +4,7 @@ import numpy as np
 import pytest
 from PIL import Image
 
-from bench.rendering.files import in_one_palette, write_images
+from bench.draw.files import in_one_palette, write_images
 from data_prep.failures import BadInput, CannotWrite
 from data_prep.randomness import generator
 

@@ -9,7 +9,7 @@ from scipy.ndimage import minimum_filter
 
 import bench
 from bench.catalogue.methods import find_method
-from bench.rendering.cloud import Drawing, Failed, draw_cloud
+from bench.draw.cloud import Drawing, Failed, draw_in_process
 from data_prep.clouds.normalise import normalise
 from data_prep.clouds.sampling import sample_surface
 from data_prep.randomness import generator
@@ -66,7 +66,7 @@ def lamp_post():
 def test_a_lamp_post_is_opaque(lamp_post, method: str) -> None:
     """Its post is four pixels wide: wherever all pixels around one are covered, so is that one."""
     cloud = sample_surface(lamp_post, generator("opacity"))
-    drawn = draw_cloud(cloud, Drawing(method, FRONT, background="transparent"))
+    drawn = draw_in_process(cloud, Drawing(method, FRONT, background="transparent"))
     assert not isinstance(drawn, Failed)
     inside = minimum_filter(mesh_coverage(lamp_post, FRONT), (1, 3, 3)) == 1
     assert inside.sum() > 200

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import numpy as np
 
-from bench.rendering.finish import (
+from bench.draw.finish import (
     INK,
     LABEL_HEIGHT,
     MARGIN,

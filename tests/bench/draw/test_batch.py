@@ -4,8 +4,8 @@ import numpy as np
 import pytest
 from PIL import Image
 
-from bench.rendering.cloud import CloudFile, Drawing, draw_each
-from bench.rendering.files import images_of_clouds
+from bench.draw.cloud import CloudFile, Drawing, draw_each
+from bench.draw.files import images_of_clouds
 from data_prep.failures import BadInput
 from data_prep.files.clouds import save_ply
 from data_prep.scene import View

@@ -7,15 +7,17 @@ from collections.abc import Iterable, Iterator, Sequence
 from dataclasses import dataclass
 from functools import partial
 from pathlib import Path
-from typing import Any, Literal, cast
+from typing import Any, Literal, cast, get_args
 
 import numpy as np
 from numpy.typing import NDArray
 
-from bench.catalogue.methods import Method, find_method
+from bench.catalogue.method import ANY_SIZE
+from bench.catalogue.methods import find_method
 from bench.catalogue.suites import Limits
-from bench.rendering.drawing_thread import on_drawing_thread, one_pool
-from bench.rendering.finish import guessed_coverage, resized, without_background
+from bench.draw.choice import Notes, check_draws_colours, find_drawer
+from bench.draw.finish import guessed_coverage, resized, without_background
+from bench.draw.thread import on_drawing_thread, one_pool
 from bench.running.isolation import WorkerFailure, run_tasks
 from bench.running.work import draw, load_renderer, reason_of
 from data_prep.clouds.coarse_steps import note_on_steps
@@ -39,7 +41,6 @@ from data_prep.scene import (
 )
 
 _Z_UP = (".las", ".laz", ".e57")  # formats of surveys: z is the height
-_COLOUR_METHOD = "splat"  # draws the colours of a file
 _WHERE_COLOURS = (
     "a PLY has red, green and blue, a text six columns or r, g and b in its first line, an array "
     "[N, 6]; or draw without --colour file"
@@ -53,7 +54,6 @@ _LINE = 1e-3  # thickness by length
 _MOST_PIXELS = 2**24  # drawn together, in 200 MB
 LIMITS = Limits(time_s=120.0, memory_gib=4.0)
 Background = Literal["white", "transparent"]
-Notes = tuple[str, ...]  # a line each, on what is left out of a file and what a method did to it
 
 
 @dataclass(frozen=True)
@@ -130,9 +130,9 @@ class CloudFile:
         notes = [*_unused(contents, self.with_colors), *notes]
         points = upright(contents.points, self.up, self.front)
         kept = np.flatnonzero(valid) if self.drop_invalid else np.arange(len(points))
-        far, of_places = places(points[kept], self.drop_far, "--drop-far")
+        far, of_far = far_with_notes(points[kept], self.drop_far, "--drop-far")
         kept = kept[~far] if self.drop_far else kept
-        notes += of_places if self.drop_far or not self.as_is else ()
+        notes += of_far if self.drop_far or not self.as_is else ()
         if self.most is not None:
             kept = kept[random_rows(len(kept), self.most)]
         cloud = self._scaled(points[kept])
@@ -175,7 +175,9 @@ class CloudFile:
             raise BadInput(f"{self.path}: {error}") from error
 
 
-def places(points: NDArray[np.float64], drop: bool, option: str) -> tuple[NDArray[np.bool_], Notes]:
+def far_with_notes(
+    points: NDArray[np.float64], drop: bool, option: str
+) -> tuple[NDArray[np.bool_], Notes]:
     """Return which points [N] are far, with notes on them and on steps of the coordinates.
 
     `option` leaves the far points out, and `drop` says whether it was given.
@@ -266,6 +268,11 @@ class Drawing:
         (`bench.methods.Method.sizes`), which is resampled.
     background : str
         "white", or "transparent": images uint8 [V, size, size, 4], the last channel their opacity.
+
+    Raises
+    ------
+    data_prep.failures.BadInput
+        For a device, a size or a background that there is not.
     """
 
     method: str
@@ -275,6 +282,16 @@ class Drawing:
     rng: np.random.Generator | None = None
     size: int = IMAGE_SIZE
     background: Background = "white"
+
+    def __post_init__(self) -> None:
+        if not isinstance(self.size, int | np.integer) or self.size not in ANY_SIZE:
+            raise BadInput(
+                f"size {self.size!r}: must be a whole number, {ANY_SIZE[0]} to {ANY_SIZE[-1]}"
+            )
+        if self.device not in ("auto", "cpu", "cuda"):
+            raise BadInput(f"device {self.device!r}: must be auto, cpu or cuda")
+        if self.background not in get_args(Background):
+            raise BadInput(f"background {self.background!r}: must be white or transparent")
 
 
 @dataclass(frozen=True, eq=False)
@@ -301,17 +318,6 @@ class Failed:
 
 
 Drawn = UInt8Images | Failed | BadInput
-
-
-def find_drawer(method_id: str) -> Method:
-    """Return the method. Raises BadInput as `find_method`, and for one that draws meshes alone."""
-    method = find_method(method_id)
-    if method.sees_mesh:
-        raise BadInput(
-            f"method '{method_id}' draws the mesh behind a cloud, and bare points have none; "
-            "take another"
-        )
-    return method
 
 
 def draw_file(file: CloudFile, drawing: Drawing, limits: Limits = LIMITS) -> UInt8Images | Failed:
@@ -362,7 +368,7 @@ def draw_each(
         yield file, wanted, drawn, notes
 
 
-def draw_cloud(
+def draw_in_process(
     cloud: PointCloud, drawing: Drawing, colors: PointColors | None = None
 ) -> UInt8Images | Failed:
     """Return images of a cloud, drawn in this process.
@@ -463,15 +469,6 @@ def draw_views(renderer: Renderer, cloud: PointCloud, drawing: Drawing) -> Drawn
         some = [drawing.views[i : i + batch] for i in range(0, len(drawing.views), batch)]
         shares = np.concatenate([coverage(keeper.state, views, side) for views in some])
     return DrawnViews(without_background(drawn, shares, drawing.size), keeper.state, notes)
-
-
-def check_draws_colours(method_id: str) -> None:
-    """Raise BadInput for a method that does not draw the colours of points."""
-    if method_id != _COLOUR_METHOD:
-        raise BadInput(
-            f"method '{method_id}' does not draw the colours of a file; give "
-            f"--method {_COLOUR_METHOD} alone, or leave out --colour file"
-        )
 
 
 def _load_and_draw(task: tuple[CloudFile, Wanted]) -> tuple[Drawn, Notes]:

@@ -16,8 +16,8 @@ from pathlib import Path
 import numpy as np
 
 import bench
-from bench.rendering.cloud import CloudFile, Drawing, draw_file
-from bench.rendering.drawing_thread import on_drawing_thread
+from bench.draw.cloud import CloudFile, Drawing, draw_file
+from bench.draw.thread import on_drawing_thread
 from data_prep.failures import BadInput
 from data_prep.randomness import generator
 from data_prep.scene import View

@@ -1,0 +1,94 @@
+"""The choice of the method that draws a user's cloud, and what is to be known of it."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+
+from bench.catalogue.chosen import best_within
+from bench.catalogue.methods import RECOMMENDED, RECOMMENDED_IN_COLOUR, Method, find_method
+from data_prep.failures import BadInput
+
+COLOUR_METHOD = "splat"  # the only method that draws points in the colours of their file
+Notes = tuple[str, ...]  # a line each, on what is left out of a file and what a method did to it
+
+
+def find_drawer(method_id: str) -> Method:
+    """Return the method. Raises BadInput as `find_method`, and for one that draws meshes alone."""
+    method = find_method(method_id)
+    if method.sees_mesh:
+        raise BadInput(
+            f"method '{method_id}' draws the mesh behind a cloud, and bare points have none; "
+            "take another"
+        )
+    return method
+
+
+def check_draws_colours(method_id: str) -> None:
+    """Raise BadInput for a method that does not draw the colours of points."""
+    if method_id != COLOUR_METHOD:
+        raise BadInput(
+            f"method '{method_id}' does not draw the colours of a file; give "
+            f"--method {COLOUR_METHOD} alone, or leave out --colour file"
+        )
+
+
+def notes_on_size(methods: Sequence[str], size: int) -> Notes:
+    """Return a line for each method whose images are resampled."""
+    drawn = ((name, find_method(name).drawn_at(size)) for name in methods)
+    return tuple(
+        f"{name} draws {side} x {side} pixels; resampled to {size} x {size} (Lanczos)"
+        + ", which adds no detail; surfaces and discs are drawn at any size" * (side < size)
+        for name, side in drawn
+        if side != size
+    )
+
+
+def methods_to_draw(
+    methods: Sequence[str], in_colour: bool = False, budget_ms: float | None = None
+) -> tuple[str, ...]:
+    """Return the methods, each once, or the one that is meant where none is named.
+
+    That is one within the budget, or the recommended one for an unknown object, in colours that a
+    network makes up or in grey. Raises BadInput for wishes that exclude each other, and for a
+    budget that no method meets.
+    """
+    if methods and budget_ms is not None:
+        raise BadInput(
+            f"budget {budget_ms:g}ms: it chooses the method, and {', '.join(methods)} is named; "
+            "leave out one of the two"
+        )
+    if in_colour and budget_ms is not None:
+        raise BadInput(
+            f"budget {budget_ms:g}ms: the methods that it chooses from draw in grey; leave out "
+            "the colour or the budget"
+        )
+    for method_id in methods if in_colour else ():
+        if find_method(method_id).color == "none":
+            raise BadInput(
+                f"method '{method_id}' draws in grey; leave out the colour, or the method: then "
+                f"{RECOMMENDED_IN_COLOUR} draws"
+            )
+    if methods:
+        return tuple(dict.fromkeys(methods))
+    if budget_ms is not None:
+        return (best_within(budget_ms).method,)
+    return (RECOMMENDED_IN_COLOUR if in_colour else RECOMMENDED,)
+
+
+def notes_on_methods(methods: Sequence[str], budget_ms: float | None = None) -> Notes:
+    """Return a line on the method that a budget chose, and one on those that know chairs only."""
+    notes = []
+    if budget_ms is not None:
+        chosen = best_within(budget_ms)
+        notes.append(
+            f"budget {budget_ms:g}ms: {chosen.method}, of the measured methods within it the best "
+            f"on real meshes (score {chosen.score:.3f}); {chosen.one_view_ms:.3g} ms for one image "
+            "of 2,048 points, where it was measured"
+        )
+    if chairs := [name for name in methods if find_method(name).trained_on == "chairs"]:
+        were = "was" if len(chairs) == 1 else "were"
+        notes.append(
+            f"{', '.join(chairs)} {were} trained on chairs and may draw a chair whatever the cloud "
+            "is; for other objects leave out the method"
+        )
+    return tuple(notes)

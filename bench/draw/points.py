@@ -1,0 +1,385 @@
+"""Images of an array of points, or of a file, in one call."""
+
+from __future__ import annotations
+
+import inspect
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass
+from functools import partial
+from numbers import Integral, Real
+from pathlib import Path
+from typing import Any, Literal, cast, overload
+
+import numpy as np
+from numpy.typing import ArrayLike, NDArray
+
+from bench.catalogue.methods import METHODS
+from bench.draw.choice import (
+    Notes,
+    find_drawer,
+    methods_to_draw,
+    notes_on_methods,
+    notes_on_size,
+)
+from bench.draw.cloud import (
+    Background,
+    CloudFile,
+    Drawing,
+    DrawnViews,
+    draw_views,
+    far_with_notes,
+    warn,
+)
+from bench.draw.thread import on_drawing_thread
+from bench.running.work import load_renderer
+from data_prep.clouds.normalise import cloud_of_points, real_points
+from data_prep.failures import BadInput
+from data_prep.files.cloud_contents import axis_columns
+from data_prep.files.safe_read import shown
+from data_prep.rendering.camera import FARTHEST
+from data_prep.rendering.raycast import surface_maps
+from data_prep.scene import IMAGE_SIZE, Mesh, PointCloud, View
+
+_MOST_FRAMES = 3_600  # steps of a tenth of a degree, in 180 MB of 128 pixels each way
+_SPELT = {  # what a note on a file names, in Python
+    "--drop-invalid": "drop_invalid=True",
+    "--drop-far": "drop_far=True",
+    "--up z": 'up="z"',
+    "--up y": 'up="y"',
+    "; '--method splat --colour file' draws its colours": "",
+    "; --points takes another number": "",
+}
+
+
+@dataclass(frozen=True, eq=False)
+class SurfaceMaps:
+    """The surface that a method has made, in an image.
+
+    Attributes
+    ----------
+    depth : ndarray
+        float32 [size, size]: the distance to the camera along its axis, in unit-sphere units (the
+        centre is 4 away), mean of a pixel's samples; infinite where the surface is not.
+    mask : ndarray
+        float32 [size, size]: the share of a pixel that the surface covers, 0 to 1.
+    normals : ndarray
+        float32 [size, size, 3]: the mean normal of what a pixel shows in the camera's frame, +X to
+        the right, +Y up and +Z to the camera; 0 where the surface is not.
+    """
+
+    depth: NDArray[np.float32]
+    mask: NDArray[np.float32]
+    normals: NDArray[np.float32]
+
+
+def _draw(
+    points: ArrayLike | Path,
+    views: Sequence[View],
+    *,
+    up: str = "y",
+    front: str | None = None,
+    method: str | None = None,
+    colour: bool = False,
+    budget_ms: float | None = None,
+    drop_far: bool = False,
+    device: str = "auto",
+    size: int = IMAGE_SIZE,
+    background: Background = "white",
+    drop_invalid: bool = False,
+    columns: Sequence[int | str] | None = None,
+) -> tuple[Drawing, DrawnViews]:
+    """Draw on the drawing thread, and warn of what is to be known even if that fails.
+
+    The options are those of `draw_cloud`, which raises what this raises.
+    """
+    if not isinstance(method, str | None):
+        raise BadInput(f"method {method!r}: must be the id of one method")
+    if not isinstance(budget_ms, int | float | None):
+        raise BadInput(f"budget_ms {budget_ms!r}: must be a number of milliseconds")
+    notes: list[str] = []
+
+    def load_and_draw() -> tuple[Drawing, DrawnViews]:
+        named = () if method is None else (method,)
+        (method_id,) = methods_to_draw(named, colour, budget_ms)
+        find_drawer(method_id)
+        drawing = Drawing(method_id, tuple(views), device=device, size=size, background=background)
+        if isinstance(points, str | Path):
+            cloud, on_points = _cloud_of_file(
+                points, columns, up=up, front=front, drop_far=drop_far, drop_invalid=drop_invalid
+            )
+        else:
+            cloud, on_points = _cloud_of_array(
+                points, columns, up=up, front=front, drop_far=drop_far, drop_invalid=drop_invalid
+            )
+        notes.extend(on_points)
+        notes.extend(notes_on_methods((method_id,), budget_ms))
+        notes.extend(notes_on_size((method_id,), size))
+        drawn = draw_views(load_renderer(method_id, device), cloud, drawing)
+        notes.extend(drawn.notes)
+        return drawing, drawn
+
+    try:
+        return on_drawing_thread(load_and_draw)
+    finally:
+        warn(notes, levels=3)  # at the line that calls `draw_cloud` or `turntable`
+
+
+OPTIONS = tuple(inspect.signature(_draw).parameters)[2:]  # the names, without points and views
+
+
+def _cloud_of_file(
+    file: str | Path,
+    columns: Sequence[int | str] | None,
+    *,
+    up: str,
+    front: str | None,
+    drop_far: bool,
+    drop_invalid: bool,
+) -> tuple[PointCloud, Notes]:
+    path = Path(file)
+    if columns is not None:
+        raise BadInput(f"{path}: columns are of an array; name those of a file in its first line")
+    if path.is_dir():
+        raise BadInput(f"{path}: a folder; give a file of points")
+    as_asked = CloudFile(
+        path,
+        as_is=False,
+        up=up,
+        front=front,
+        drop_invalid=drop_invalid,
+        drop_far=drop_far,
+        up_unknown=up == "y",  # the default, so perhaps nobody has thought about it
+    )
+    try:
+        cloud, notes = as_asked.load_with_notes()
+    except BadInput as error:
+        raise BadInput(_in_python(str(error))) from error
+    return cloud, tuple(map(_in_python, notes))
+
+
+def _cloud_of_array(
+    points: ArrayLike,
+    columns: Sequence[int | str] | None,
+    *,
+    up: str,
+    front: str | None,
+    drop_far: bool,
+    drop_invalid: bool,
+) -> tuple[PointCloud, Notes]:
+    chosen, notes = _three_columns(points, columns)
+    values = real_points(chosen)
+    broken = np.flatnonzero(~np.isfinite(values).all(axis=1))
+    count = f"{len(broken)} of {len(values)} points"
+    if len(broken) and not drop_invalid:
+        raise BadInput(
+            f"{count} are not finite (the first is row {broken[0]}, from 0); remove them, or "
+            "leave them out with drop_invalid=True"
+        )
+    if len(broken):
+        values = np.delete(values, broken, axis=0)
+        notes = (*notes, f"{count} are left out, they are not finite")
+    far, of_far = far_with_notes(values, drop_far, "drop_far=True")
+    values = values[~far] if drop_far else values
+    return cloud_of_points(values, up, front), (*notes, *of_far)
+
+
+def _maps_of(drawing: Drawing, drawn: DrawnViews) -> SurfaceMaps:
+    """Return the surface in the first view. Raises BadInput for a method that makes none."""
+    mesh = getattr(drawn.state, "mesh", None)
+    if not isinstance(mesh, Mesh):
+        some = ", ".join(m.id for m in METHODS if m.kind == "reconstruction")
+        raise BadInput(
+            f"method '{drawing.method}' makes no surface, so that there are no maps of it; give "
+            f"method='occupancy-net' or one of {some}, or leave out return_maps"
+        )
+    maps = partial(surface_maps, mesh, drawing.views[:1], drawing.size, limited=False)
+    ((mask, nearness, *normal),) = on_drawing_thread(maps)
+    depth = np.where(mask > 0, FARTHEST - 2 * nearness, np.float32(np.inf))
+    return SurfaceMaps(depth, mask, np.stack(normal, axis=-1))
+
+
+def _in_python(text: str) -> str:
+    for option, spelt in _SPELT.items():
+        text = text.replace(option, spelt)
+    return text
+
+
+def _three_columns(points: Any, columns: Sequence[int | str] | None) -> tuple[ArrayLike, Notes]:
+    """Return the columns of x, y and z, and a note where others are left out unasked."""
+    labels = [label for label in getattr(points, "columns", ()) if isinstance(label, str)]
+    is_array = hasattr(points, "shape") and (labels or not hasattr(points, "columns"))
+    given = points if is_array else cast("Any", np.asarray(points))
+    if columns is not None:
+        try:
+            some = list(columns)
+            chosen = points[some] if labels else given[:, some]
+        except (LookupError, TypeError, ValueError) as error:
+            raise BadInput(
+                f"columns {columns!r}: not in points of shape {list(given.shape)}; give three "
+                "numbers from 0, or three names of a DataFrame"
+            ) from error
+        return chosen, ()
+    if axes := axis_columns(labels):
+        return points[[labels[i] for i in axes]], ()
+    if not all(map(str.isdigit, labels)):
+        raise BadInput(
+            f"points: columns {shown(', '.join(labels))}; name three of them x, y and z, or give "
+            "columns="
+        )
+    if not labels and len(given.shape) == 2 and given.shape[1] == 6:
+        return given[:, :3], (
+            "points: columns 3 to 5 of [N, 6], colours or normals, are not used; columns= chooses",
+        )
+    return points, ()
+
+
+@overload
+def draw_cloud(
+    points: ArrayLike | Path,
+    azimuth_deg: float = 30.0,
+    elevation_deg: float = 20.0,
+    *,
+    return_maps: Literal[False] = False,
+    **options: Any,
+) -> NDArray[np.uint8]: ...
+@overload
+def draw_cloud(
+    points: ArrayLike | Path,
+    azimuth_deg: float = 30.0,
+    elevation_deg: float = 20.0,
+    *,
+    return_maps: Literal[True],
+    **options: Any,
+) -> tuple[NDArray[np.uint8], SurfaceMaps]: ...
+def draw_cloud(
+    points: ArrayLike | Path,
+    azimuth_deg: float = 30.0,
+    elevation_deg: float = 20.0,
+    *,
+    return_maps: bool = False,
+    **options: Any,
+) -> Any:
+    """Return an image of points in any units, as `bench render` draws it.
+
+    The method runs in this process, where a native library may crash or hang; the default is a
+    network. Its weights are read once a process. Any thread may call this; draws are done one after
+    the other, in a thread of their own.
+
+    A UserWarning each tells what the method did to the points (used fewer of them, smoothed them,
+    made no mesh), a method that was trained on chairs alone, images that are resampled, columns
+    that are not used, points far from the others, and coordinates that lie in steps.
+
+    Parameters
+    ----------
+    points : array_like or path
+        Real numbers [N, 3], or [N, 6] of which the first three count; rows with masked values are
+        left out, with a warning. Of a DataFrame the columns named x, y and z. Or a file of points,
+        as `bench render` reads it.
+    azimuth_deg : float
+        0 is the front, 90 the side of +X (see `data_prep.scene`).
+    elevation_deg : float
+        -90..90; the networks were trained within -40..40.
+    return_maps : bool
+        Whether to return the depth, mask and normals of the method's surface as well.
+    up, front : str
+        Axes of the points that point up and to the front, such as "z" or "-x". The default is "y",
+        with the front "-z", or "-y" where z is up.
+    method : str
+        Id of a method, see `bench list`. Without it one within the budget, or without a budget one
+        that knows objects of 13 classes.
+    colour : bool
+        Whether that one draws in colours that it makes up; else in grey, the default.
+    budget_ms : float
+        Most milliseconds for one image of a new cloud, by costs measured on one machine.
+    drop_far : bool
+        Whether to leave out points far from all others, which make the object small; else a
+        warning tells of them, the default.
+    device : str
+        "auto", "cpu" or "cuda", for networks.
+    size : int
+        Side of the images in pixels, 16 to 2048; the default is 128. Surfaces and discs are drawn
+        so; images of networks are resampled, and a warning says so.
+    background : str
+        "white", or "transparent", with the opacity as a fourth channel.
+    drop_invalid : bool
+        Whether to leave out points that are not finite, with a warning; else they are refused, the
+        default.
+    columns : sequence
+        The columns of x, y and z in an array, counted from 0, or their names in a DataFrame.
+        Without it the only three, the first three of six, or those named x, y and z.
+
+    Returns
+    -------
+    ndarray, or ndarray and SurfaceMaps
+        uint8 [size, size, 3] on white, or [size, size, 4]; with `return_maps` also the maps.
+
+    Raises
+    ------
+    data_prep.failures.BadInput
+        For a cloud without points, without extent or with points that are not finite, for a file
+        that is no cloud, for an unknown axis, method, size, background or column, for unusable
+        weights, for a budget below the cheapest method, for a method with a budget, and for maps
+        of a method that makes no surface. It is a ValueError.
+    ValueError
+        For `points` that are no array [N, 3] of real numbers, and for an angle out of its range.
+    TypeError
+        For an option that there is not.
+    data_prep.failures.StageFailure
+        Where the method cannot draw this cloud.
+    """
+    _check_options("draw_cloud", "azimuth_deg", options)
+    view = View(_angle("azimuth_deg", azimuth_deg), _angle("elevation_deg", elevation_deg))
+    drawing, drawn = _draw(points, [view], **options)
+    if return_maps:
+        return drawn.images[0], _maps_of(drawing, drawn)
+    return drawn.images[0]
+
+
+def _angle(name: str, value: float) -> float:
+    """Return an angle in degrees. Raises ValueError for what is no number."""
+    if isinstance(value, bool) or not isinstance(value, Real):
+        raise ValueError(f"{name} must be a number of degrees, got {value!r:.40}")
+    return value
+
+
+def turntable(
+    points: ArrayLike | Path,
+    frames: int = 36,
+    elevation_deg: float = 20.0,
+    **options: Any,
+) -> NDArray[np.uint8]:
+    """Return images of points from all around, in equal steps.
+
+    Parameters
+    ----------
+    points, elevation_deg, **options
+        As in `draw_cloud`; a budget is for the first image.
+    frames : int
+        Number of images, 1 to 3600; the first has azimuth 0.
+
+    Returns
+    -------
+    ndarray
+        uint8 [frames, size, size, 3] on white, or [frames, size, size, 4].
+
+    Raises
+    ------
+    ValueError, data_prep.failures.StageFailure
+        As in `draw_cloud`, and for other numbers of frames.
+    """
+    whole = isinstance(frames, Integral) and not isinstance(frames, bool)
+    if not whole or not 1 <= frames <= _MOST_FRAMES:
+        raise ValueError(f"frames must be a whole number from 1 to {_MOST_FRAMES}, got {frames!r}")
+    elevation_deg = _angle("elevation_deg", elevation_deg)
+    views = [View(360 * i / frames, elevation_deg) for i in range(frames)]
+    _check_options("turntable", "frames", options)
+    _, drawn = _draw(points, views, **options)
+    return drawn.images
+
+
+def _check_options(caller: str, first: str, options: Mapping[str, Any]) -> None:
+    """Raise TypeError for an option that `caller`, whose first parameter is `first`, has not."""
+    if unknown := ", ".join(options.keys() - {*OPTIONS}):
+        raise TypeError(
+            f"{caller}: no option {unknown}; there are {first}, elevation_deg, {', '.join(OPTIONS)}"
+        )
