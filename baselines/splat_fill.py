@@ -42,10 +42,9 @@ from baselines.reconstruction.denoised import (
     noise_scale,
     searched,
 )
-from baselines.reconstruction.stages import check_points, fewer, spacing
+from baselines.reconstruction.stages import at_most, check_points, spacing
 from baselines.splat import MAX_RADIUS_PX
 from data_prep.arrays import Floats
-from data_prep.clouds.sampling import random_rows
 from data_prep.rendering.camera import CAMERA_DISTANCE, FOCAL_PX, camera_to_world, project
 from data_prep.scene import IMAGE_SIZE, NEUTRAL_GREY, Images, PointCloud, View
 
@@ -96,10 +95,9 @@ class SplatFill:
         del rng
         check_points(cloud.points, 1, "images")
         different = np.unique(cloud.points, axis=0)
-        points = different[random_rows(len(different), MOST_POINTS)]
+        points, notes = at_most(MOST_POINTS, different)
         near, sample = searched(points)
         noise, between = noise_scale(sample), spacing(near)
-        notes = fewer(points, different)
         exact = near.points
         if noise > NOISY * spacing(sample):
             exact = _smoothed(exact, noise, between)

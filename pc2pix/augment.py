@@ -11,6 +11,7 @@ from typing import NamedTuple
 import torch
 from torch import Tensor
 
+from data_prep.clouds.sampling import even_rows
 from learning.clouds import Degradation
 
 # Up to the paper's strongest noise, and down to half of its sparsest clouds.
@@ -20,7 +21,7 @@ PLAIN_POINTS = 1024  # what an encoder that takes any number is fed while traini
 
 def take_evenly(points: Tensor, count: int) -> Tensor:
     """Return rows floor(i N / count) of clouds [B, N, 3]: repeated or omitted evenly."""
-    return points[:, torch.arange(count) * points.shape[1] // count]
+    return points[:, torch.from_numpy(even_rows(points.shape[1], count))]
 
 
 class Scene(NamedTuple):

@@ -11,7 +11,7 @@ import torch
 from numpy.typing import NDArray
 from torch import Tensor
 
-from data_prep.clouds.sampling import random_rows
+from data_prep.clouds.sampling import even_rows, random_rows
 from data_prep.failures import StageFailure
 from data_prep.scene import CLOUD_SIZE, IMAGE_SIZE, Images, PointCloud, View
 from learning.exact import exact_inference
@@ -151,7 +151,7 @@ def pick_points(points: NDArray[np.float32]) -> NDArray[np.float32]:
     """
     if len(points) > CLOUD_SIZE:
         return points[random_rows(len(points), CLOUD_SIZE)]
-    return points[np.arange(CLOUD_SIZE) * len(points) // CLOUD_SIZE]
+    return points[even_rows(len(points), CLOUD_SIZE)]
 
 
 def parts(points: NDArray[np.float32]) -> NDArray[np.float32]:

@@ -102,15 +102,16 @@ def used_points(
             f"{len(different)} of {len(cloud)} points are different and nearer than the camera; "
             f"{what} need at least {least}",
         )
-    used = different[random_rows(len(different), most)]
-    return used, (*left_out(seen, cloud), *fewer(used, different))
+    used, notes = at_most(most, different)
+    return used, (*left_out(seen, cloud), *notes)
 
 
-def fewer(used: Points, different: Points) -> tuple[str, ...]:
-    """Return a note of how many of the different points are used; none where all are."""
-    if len(used) == len(different):
-        return ()
-    return (f"input: {len(used)} of {len(different)} points used",)
+def at_most(most: int, points: Points) -> tuple[Points, tuple[str, ...]]:
+    """Return a random choice of `most` points, or all of fewer, and a note if some are left out."""
+    if len(points) <= most:
+        return points, ()
+    used = points[random_rows(len(points), most)]
+    return used, (f"input: {len(used)} of {len(points)} points used",)
 
 
 def left_out(seen: Points, cloud: PointCloud) -> tuple[str, ...]:

@@ -81,7 +81,7 @@ class SurfaceFit(DrawsReconstruction):
         check_points(cloud.points, NORMAL_NEIGHBOURS + 1, "normals")
         near = in_sight(cloud.points)
         cell = self.cell_px * FOOTPRINT
-        points = thinned(near, cell)
+        points = one_a_cube(near, cell)
         if len(points) <= NORMAL_NEIGHBOURS:
             raise StageFailure(
                 "input",
@@ -95,7 +95,7 @@ class SurfaceFit(DrawsReconstruction):
         return Reconstruction(result.mesh, (*left_out(near, cloud), *result.notes))
 
 
-def thinned(points: Points, side: float) -> Points:
+def one_a_cube(points: Points, side: float) -> Points:
     """Return one of the finite points [N, 3] for each cube of `side` that has any, [M, 3].
 
     It is the one nearest to the middle of the cube, and of equally near ones the first by

@@ -63,21 +63,6 @@ class Stride:
 
 
 @dataclass(frozen=True)
-class RandomSubset:
-    """A draw of `count` rows without replacement, in their order; smaller clouds stay whole."""
-
-    count: int
-
-    def apply(self, cloud: PointCloud, rng: np.random.Generator) -> PointCloud:
-        """Return a subset of the rows."""
-        if len(cloud) <= self.count:
-            return cloud
-        rows = rng.choice(len(cloud), size=self.count, replace=False)
-        rows.sort()
-        return replace(cloud, points=cloud.points[rows])
-
-
-@dataclass(frozen=True)
 class GaussianNoise:
     """Noise N(0, sigma) on each coordinate, in unit-sphere units; nothing is clipped."""
 

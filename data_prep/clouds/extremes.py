@@ -15,7 +15,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from data_prep.clouds.normalise import normalise, normalise_points
-from data_prep.clouds.sampling import sample_surface
+from data_prep.clouds.sampling import random_subset, sample_surface
 from data_prep.scene import CLOUD_SIZE, NEUTRAL_GREY, Mesh, PointCloud, Points
 
 
@@ -133,8 +133,7 @@ def _shuffled(cloud: PointCloud, rng: np.random.Generator) -> PointCloud:
 
 def _kept(cloud: PointCloud, rng: np.random.Generator, share: float) -> PointCloud:
     count = max(round(share * len(cloud)), 1)
-    rows = np.sort(rng.choice(len(cloud), size=count, replace=False))
-    return replace(cloud, points=cloud.points[rows])
+    return random_subset(cloud, count, rng)
 
 
 def _unit_box(cloud: PointCloud, rng: np.random.Generator) -> PointCloud:

@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+from dataclasses import replace
+
 import numpy as np
 from numpy.typing import NDArray
 
@@ -97,6 +99,26 @@ def random_rows(count: int, most: int) -> NDArray[np.int64]:
         rows.append(first + np.sort(rng.choice(here, taken, replace=False)))
         wanted -= taken
     return np.concatenate(rows)
+
+
+def random_subset(cloud: PointCloud, count: int, rng: np.random.Generator) -> PointCloud:
+    """Return `count` points of a cloud in their order, or the cloud itself if it has no more.
+
+    They are drawn without replacement, by the caller's random numbers: another subset each time.
+    """
+    if len(cloud) <= count:
+        return cloud
+    rows = rng.choice(len(cloud), size=count, replace=False)
+    rows.sort()
+    return replace(cloud, points=cloud.points[rows])
+
+
+def even_rows(count: int, wanted: int) -> NDArray[np.int64]:
+    """Return `wanted` rows of `count` points, repeated or left out as evenly as can be.
+
+    Row i of the result is floor(i count / wanted).
+    """
+    return np.arange(wanted) * count // wanted
 
 
 def random_views(count: int, rng: np.random.Generator) -> tuple[View, ...]:

@@ -22,8 +22,8 @@ from pathlib import Path, PurePosixPath
 import numpy as np
 from numpy.typing import NDArray
 
-from data_prep.clouds.conditions import RandomSubset
 from data_prep.clouds.orientations import OURS
+from data_prep.clouds.sampling import random_subset
 from data_prep.datasets.dataset import Dataset, DatasetListing
 from data_prep.datasets.objects import StoredCloud, is_grey
 from data_prep.datasets.protocol_version import refuse_other_version
@@ -124,7 +124,7 @@ class ExportedObject(StoredCloud):
                 f"{self.class_name}/{self.object_id}: no cloud of the condition {UNPERTURBED} in "
                 f"{CLOUDS}; export it again"
             )
-        return RandomSubset(count).apply(cloud, rng)
+        return random_subset(cloud, count, rng)
 
     def views(self, count: int, rng: np.random.Generator) -> tuple[View, ...]:
         """Return the first `count` exported views. Raises BadInput where fewer were exported."""

@@ -9,10 +9,9 @@ from pathlib import Path
 import numpy as np
 from numpy.typing import NDArray
 
-from data_prep.clouds.conditions import RandomSubset
 from data_prep.clouds.normalise import normalise_points
 from data_prep.clouds.orientations import OURS
-from data_prep.clouds.sampling import random_views
+from data_prep.clouds.sampling import random_subset, random_views
 from data_prep.datasets.dataset import Dataset, DatasetListing, listed
 from data_prep.datasets.objects import SceneObject, StoredCloud
 from data_prep.datasets.stored_meshes import MATERIALS, MeshFile
@@ -60,7 +59,7 @@ class BareCloud(StoredCloud):
             cloud = normalise_points(points)
         except BadInput as error:
             raise BadInput(f"{self.path}: {error}") from error
-        return RandomSubset(count).apply(cloud, rng)
+        return random_subset(cloud, count, rng)
 
     def views(self, count: int, rng: np.random.Generator) -> tuple[View, ...]:
         """Return views drawn at random."""

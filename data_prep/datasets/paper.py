@@ -24,9 +24,8 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from data_prep.clouds.conditions import RandomSubset
 from data_prep.clouds.orientations import PAPER
-from data_prep.clouds.sampling import AZIMUTH_RANGE_DEG, ELEVATION_RANGE_DEG
+from data_prep.clouds.sampling import AZIMUTH_RANGE_DEG, ELEVATION_RANGE_DEG, random_subset
 from data_prep.datasets.dataset import Dataset, differences, listed
 from data_prep.datasets.objects import SceneObject, Split, StoredCloud
 from data_prep.datasets.synsets import class_names
@@ -102,7 +101,7 @@ class PaperObject(StoredCloud):
             # Not normalised: the images show the sphere of radius 0.5 from distance 2, ours the
             # sphere of radius 1 from distance 4.
             ours = (PAPER.to_ours(points) / RADIUS).astype(np.float32)
-        return RandomSubset(count).apply(PointCloud(ours), rng)
+        return random_subset(PointCloud(ours), count, rng)
 
     def views(self, count: int, rng: np.random.Generator) -> tuple[View, ...]:
         """Return the cameras of the first images, or views of the front if they cannot be read.

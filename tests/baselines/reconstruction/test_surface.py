@@ -11,7 +11,7 @@ from baselines.reconstruction.meshlab import MeshLab
 from baselines.reconstruction.poisson import Poisson
 from baselines.reconstruction.stages import FOOTPRINT, finite_part
 from baselines.reconstruction.surface import SurfaceApss, SurfaceBpa
-from baselines.reconstruction.surface_fit import SurfaceFit, resolution, thinned
+from baselines.reconstruction.surface_fit import SurfaceFit, one_a_cube, resolution
 from data_prep.clouds.sampling import face_areas
 from data_prep.failures import StageFailure
 from data_prep.rendering.camera import project
@@ -136,7 +136,7 @@ def test_each_cube_keeps_the_point_nearest_its_middle(side: float) -> None:
         place = tuple(math.floor(x / side) for x in point)
         off = sum((x / side - k - 0.5) ** 2 for x, k in zip(point, place, strict=True))
         best[place] = min(best.get(place, (math.inf, -1)), (off, i))
-    kept = thinned(points, side)
+    kept = one_a_cube(points, side)
     assert len(kept) == len(best)
     assert {tuple(point) for point in kept} == {tuple(points[i]) for _, i in best.values()}
 
@@ -145,11 +145,11 @@ def test_of_equally_near_points_coordinates_decide() -> None:
     # The lattice lies evenly about the middle of each cube: eight points are equally near to it.
     points = np.stack(np.meshgrid(*3 * [np.arange(-4, 4) / 8 + 1 / 16]), axis=-1).reshape(-1, 3)
     points = points.astype(np.float32)
-    kept = thinned(points, 0.5)
+    kept = one_a_cube(points, 0.5)
     assert len(kept) == 8
     shuffled = np.random.default_rng(0).permutation(points)
-    np.testing.assert_array_equal(thinned(shuffled, 0.5), kept)
-    np.testing.assert_array_equal(thinned(kept, 0.5), kept)
+    np.testing.assert_array_equal(one_a_cube(shuffled, 0.5), kept)
+    np.testing.assert_array_equal(one_a_cube(kept, 0.5), kept)
 
 
 # untouched, and 14 times as dense as is of use

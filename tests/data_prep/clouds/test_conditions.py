@@ -12,7 +12,6 @@ from data_prep.clouds.conditions import (
     GaussianNoise,
     Missing,
     Outliers,
-    RandomSubset,
     Stride,
     Unchanged,
     UnevenDensity,
@@ -86,21 +85,6 @@ def test_stride_takes_exactly_these_rows_and_uses_no_chance() -> None:
     for count, kept in ((0, 0), (1, 1), (4, 1), (5, 2)):
         assert len(Stride(4).apply(Unchanged().apply(cloud_of(count), rng), rng)) == kept
     assert rng.bit_generator.state == before
-
-
-def test_subsets_without_replacement_in_order_of_which_smaller_clouds_stay_whole() -> None:
-    kept = rows(RandomSubset(512).apply(cloud_of(), np.random.default_rng(0)))
-    assert len(kept) == 512
-    assert (np.diff(kept) > 0).all()
-    assert kept != list(range(0, 2048, 4))
-    for count in (0, 3, 1024):
-        cloud = cloud_of(count)
-        assert RandomSubset(1024).apply(cloud, np.random.default_rng(0)) is cloud
-    made = [
-        rows(RandomSubset(1024).apply(cloud_of(1025), np.random.default_rng(i))) for i in (0, 1)
-    ]
-    (one,), (other,) = (set(range(1025)) - set(kept) for kept in made)  # any row may be kept
-    assert one != other
 
 
 def test_noise_is_normal_with_the_stated_deviation() -> None:

@@ -6,9 +6,15 @@ import numpy as np
 import pytest
 from scipy import stats
 
-from data_prep.clouds.sampling import face_areas, random_rows, random_views, sample_surface
+from data_prep.clouds.sampling import (
+    face_areas,
+    random_rows,
+    random_subset,
+    random_views,
+    sample_surface,
+)
 from data_prep.failures import BadInput
-from data_prep.scene import CLOUD_SIZE, Mesh
+from data_prep.scene import CLOUD_SIZE, Mesh, PointCloud
 
 COUNT = 20_000
 # All seeds are fixed. Were they not, each statistical test would fail once in ten thousand runs.
@@ -192,3 +198,18 @@ def test_every_row_is_as_likely_as_any_other() -> None:
     draws = 250 * 50
     # A hypergeometric count varies less than a binomial one of as many draws.
     assert abs(firsts - draws / 2) < SIGMAS * math.sqrt(draws / 4)
+
+
+def test_subsets_without_replacement_in_order_of_which_smaller_clouds_stay_whole() -> None:
+    def subset(have: int, count: int, seed: int = 0) -> list[int]:
+        cloud = PointCloud(np.arange(have)[:, None] * np.float32([1, -1, 0.5]))
+        return random_subset(cloud, count, np.random.default_rng(seed)).points[:, 0].tolist()
+
+    kept = subset(2048, 512)
+    assert len(kept) == 512
+    assert (np.diff(kept) > 0).all()
+    assert kept != list(range(0, 2048, 4))
+    for count in (0, 3, 1024):
+        assert subset(count, 1024) == list(range(count))
+    (one,), (other,) = (set(range(1025)) - set(subset(1025, 1024, seed)) for seed in (0, 1))
+    assert one != other  # any row may be left out
