@@ -1,6 +1,17 @@
-"""fused-net: splat-net that also sees meshes of the cloud from the same camera.
+"""fused-net: a splat-net that also sees meshes of the cloud, from the same camera.
 
-`load` gives a renderer with bundled weights or with your own.
+What becomes of a cloud, step by step:
+
+1. The cloud is smoothed where it is noisy: `baselines/reconstruction/denoised.py`.
+2. An alpha wrap of it is the first mesh: `baselines/reconstruction/alpha_wrap.py`.
+3. A network for occupancy in 3D gives the second mesh: `baselines/occupancy_net/renderer.py`.
+4. Points get normals and become surfels: `baselines/splat_net/surfels.py`.
+5. For each view meshes become maps of depth and normals: `data_prep/rendering/raycast.py`.
+6. Surfels are projected; these and the maps are channels: `baselines/splat_net/projection.py`.
+7. The network draws coverage and grey of each pixel: `baselines/splat_net/engine.py`.
+8. Where drawing and mesh agree the mesh's edges are taken: `baselines/splat_net/sharpening.py`.
+
+`renderer.py` calls these steps, and `load` gives a renderer with bundled weights or your own.
 """
 
 from __future__ import annotations
@@ -44,7 +55,7 @@ def load(
     Raises
     ------
     data_prep.failures.BadInput
-        For an unknown name and a damaged file.
+        For an unknown name and a damaged file, and for weights of a splat-net without meshes.
     ValueError
         For another precision or size.
     """

@@ -1,4 +1,4 @@
-"""The configuration of a training; it loads no PyTorch, as command lines need it."""
+"""The configuration of a training of fused-net, read by command lines, hence without PyTorch."""
 
 from __future__ import annotations
 
@@ -10,9 +10,11 @@ from baselines.splat_net.config import SplatNetConfig
 
 @dataclass(frozen=True)
 class FusedNetConfig(SplatNetConfig):
-    """The configuration of a training; the meshes are among the inputs of the network.
+    """The configuration of a training; `network.inputs.meshes` names the meshes that are seen.
 
-    occupancy  checksum of the weights of occupancy-net that make its meshes; "" without these
+    occupancy  sha256 of the weights of occupancy-net that make meshes; "" where it makes none
+
+    Raises BadInput where the names of meshes are not those of fused-net, in its order.
     """
 
     steps: int = 4000

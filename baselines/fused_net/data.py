@@ -1,7 +1,8 @@
-"""The data of the training: a degraded cloud of each object, and maps of that cloud's meshes.
+"""The training data of fused-net: a degraded cloud of each object, and maps of the cloud's meshes.
 
-A mesh takes about a second, so a cloud is degraded once, not anew in each step, and the maps are
-kept in files.
+A map is what a camera sees of a mesh (`data_prep.rendering.raycast.surface_maps`). Reconstructing a
+mesh takes about a second. So each object has one degraded cloud for the whole training, and maps
+are kept in files.
 """
 
 from __future__ import annotations
@@ -26,23 +27,24 @@ from data_prep.scene import IMAGE_SIZE, PointCloud, View
 from learning.clouds import degrade
 from learning.weights import FILES, read_safetensors, write_atomically
 
-FORMAT = "fused-net-maps-2"
-FOLDER = "maps"
-TOGETHER = 50  # objects of a file: so many are computed again after an interruption
-# A byte is value * scale + zero: quarters of coverage are exact, and so is nothing.
+FORMAT = "fused-net-maps-2"  # of the files of maps, in their headers
+FOLDER = "maps"  # where they are, below the output directory of the training
+TOGETHER = 50  # objects in a file: at most so many are computed again after an interruption
+# A map is stored as the byte value * scale + zero, one pair of numbers for each of the five MAPS.
+# The scales make 0, and the quarters that coverages are multiples of, whole numbers.
 _SCALES = np.array([252, 255 / MOST_NEARNESS, 127, 127, 127], np.float32)
 _ZEROS = np.array([0, 0, 128, 128, 128], np.float32)
 
 
 @dataclass(frozen=True, eq=False)
 class FusedSet:
-    """N objects with their images, a cloud of each, and maps of its meshes in each view.
+    """N objects with V images each, a degraded cloud of each, and maps of its meshes in each view.
 
-    surfaces  the objects; their clouds [N, M, 3] are degraded, and of an object with fewer than M
-              points the last ones are zeros
-    counts    int64 [N], points of each
-    noise     float32 [N], standard deviation of the noise of each
-    maps      uint8 [N, V, 5 * meshes, S, S], see `encode`
+    surfaces  the objects with their images. Their clouds [N, M, 3] are degraded; where a cloud has
+              fewer than M points, zeros follow
+    counts    int64 [N], number of points of each cloud
+    noise     float32 [N], standard deviation of the noise of each cloud, in unit-sphere units
+    maps      uint8 [N, V, 5 * meshes, S, S], as `encode` returns them
     """
 
     surfaces: SurfaceSet
@@ -60,16 +62,21 @@ def fused_set(
     augment: bool = True,
     on_progress: Callable[[], object] = lambda: None,
 ) -> FusedSet:
-    """Return a set with one cloud of each object, degraded unless `augment` is off.
+    """Return the training set of objects, each with one cloud and the maps of its meshes.
 
-    Maps are kept in `out_dir`, and taken from there if they are of the same clouds, views, meshes
-    and weights of occupancy-net; `on_progress` is called after each object.
+    surfaces     the objects' images and whole clouds
+    meshes       names of the methods that reconstruct meshes, of `weights.MESHES`
+    out_dir      where maps are kept. Maps that are there already are used, if they are of the same
+                 clouds, views, meshes and weights of occupancy-net
+    augment      whether clouds are degraded: fewer points, and noise
+    on_progress  called after each object
 
-    Raises BadInput where the files of `out_dir` are of others.
+    Raises BadInput where maps in `out_dir` are of other clouds, views, meshes or weights.
     """
     count, most, _ = surfaces.seen.clouds.shape
     clouds = np.zeros((count, most, 3), np.float32)
-    counts, noise = np.full(count, most), np.zeros(count, np.float32)
+    counts = np.full(count, most)
+    noise = np.zeros(count, np.float32)
     for i, obj in enumerate(objects):
         cloud = torch.from_numpy(surfaces.seen.clouds[i : i + 1])
         if augment:
@@ -84,29 +91,38 @@ def fused_set(
 
 
 def occupancy_weights(meshes: Sequence[str]) -> str:
-    """Return the checksum of the weights of occupancy-net, "" if its mesh is not among these."""
-    return FILES["baselines.occupancy_net"].bundled[OCCUPANCY] if "occupancy-net" in meshes else ""
+    """Return the sha256 of the weights of occupancy-net; "" if `meshes` does not name it."""
+    if "occupancy-net" not in meshes:
+        return ""
+    return FILES["baselines.occupancy_net"].bundled[OCCUPANCY]
 
 
 def encode(maps: NDArray[np.float32]) -> NDArray[np.uint8]:
     """Return maps [..., 5 * meshes, S, S] as bytes."""
-    repeats = maps.shape[-3] // len(MAPS)
-    scales, zeros = (np.tile(values, repeats)[:, None, None] for values in (_SCALES, _ZEROS))
+    scales, zeros = _scales_and_zeros(maps.shape[-3])
     return np.rint(maps * scales + zeros).astype(np.uint8)
 
 
 def decode(maps: Tensor) -> Tensor:
-    """Return the maps, float32, that `encode` has stored as bytes."""
-    repeats = maps.shape[-3] // len(MAPS)
-    scales, zeros = (
-        torch.from_numpy(np.tile(values, repeats)).to(maps.device)[:, None, None]
-        for values in (_SCALES, _ZEROS)
-    )
-    return (maps.float() - zeros) / scales
+    """Return the maps, float32 [..., 5 * meshes, S, S], that `encode` has stored as bytes."""
+    scales, zeros = _scales_and_zeros(maps.shape[-3])
+    scale = torch.from_numpy(scales).to(maps.device)
+    zero = torch.from_numpy(zeros).to(maps.device)
+    return (maps.float() - zero) / scale
+
+
+def _scales_and_zeros(planes: int) -> tuple[NDArray[np.float32], NDArray[np.float32]]:
+    """Return scales and zeros of the planes of maps, both [planes, 1, 1]."""
+    meshes = planes // len(MAPS)
+    scales, zeros = np.tile(_SCALES, meshes), np.tile(_ZEROS, meshes)
+    return scales[:, None, None], zeros[:, None, None]
 
 
 def mirror(maps: Tensor) -> Tensor:
-    """Return the maps [..., 5 * meshes, S, S] of the mirrored meshes from the opposite azimuth."""
+    """Return the maps of the mirrored meshes, seen from the opposite azimuth.
+
+    Both are [..., 5 * meshes, S, S].
+    """
     flipped = maps.flip(-1)
     flipped[..., MAPS.index("normal x") :: len(MAPS), :, :] *= -1
     return flipped
@@ -119,7 +135,11 @@ def _all_maps(
     folder: Path,
     on_progress: Callable[[], object],
 ) -> NDArray[np.uint8]:
-    """Return the maps of all objects, of files or computed and kept, TOGETHER a file."""
+    """Return the maps of all objects, uint8 [N, V, 5 * meshes, S, S].
+
+    Maps that a file in `folder` has are read. Others are computed, and written when those of
+    TOGETHER objects are complete.
+    """
     objects, views = seen.azimuth_deg.shape
     shape = (objects, views, len(MAPS) * len(meshes), IMAGE_SIZE, IMAGE_SIZE)
     maps = np.empty(shape, np.uint8)
@@ -133,9 +153,10 @@ def _all_maps(
         for i in some:
             if not path.exists():
                 angles = zip(seen.azimuth_deg[i], seen.elevation_deg[i], strict=True)
+                looks = [View(azimuth, elevation) for azimuth, elevation in angles]
                 cloud = PointCloud(seen.clouds[i, : counts[i]])
                 reconstructed, _ = reconstruct(cloud, methods)
-                maps[i] = encode(maps_of(reconstructed, [View(*pair) for pair in angles]))
+                maps[i] = encode(maps_of(reconstructed, looks))
             on_progress()
         if not path.exists():
             kept = torch.from_numpy(maps[start : some.stop])
@@ -146,7 +167,7 @@ def _all_maps(
 def _identity(
     seen: TrainingSet, counts: NDArray[np.int64], meshes: Sequence[str], some: range
 ) -> str:
-    """Return a checksum of all that the maps of some objects depend on."""
+    """Return a sha256 of everything that the maps of the objects `some` depend on."""
     digest = hashlib.sha256(repr((*meshes, occupancy_weights(meshes))).encode())
     for array in (seen.azimuth_deg, seen.elevation_deg, seen.clouds, counts):
         digest.update(np.ascontiguousarray(array[some.start : some.stop]).tobytes())
@@ -154,6 +175,7 @@ def _identity(
 
 
 def _read(path: Path, header: dict[str, str], shape: tuple[int, ...]) -> NDArray[np.uint8]:
+    """Return the maps of a file; raise BadInput where they have another header or shape."""
     tensors, kept_header = read_safetensors(path)
     maps = tensors.get("maps")
     if kept_header != header or maps is None or maps.shape != shape or maps.dtype != torch.uint8:

@@ -1,4 +1,8 @@
-"""fused-net as a method of the benchmark: surfels and meshes once per cloud, and their maps."""
+"""fused-net as a method of the benchmark.
+
+A cloud is prepared once: its surfels, and its meshes. Of each view the network then sees the
+projected surfels, and maps of the meshes.
+"""
 
 from __future__ import annotations
 
@@ -23,18 +27,21 @@ from data_prep.rendering.raycast import surface_maps
 from data_prep.scene import IMAGE_SIZE, Images, Mesh, PointCloud, View
 from learning.weights import NetworkWeights
 
-OCCUPANCY = "all"  # the bundled weights of occupancy-net
-# Points: of more, with noise or without, LPIPS on validation objects is the same to .001 without
-# the mesh of denoised-wrap, and .008 to .036 higher without that of occupancy-net.
+OCCUPANCY = "all"  # name of the bundled weights of occupancy-net that make its mesh
+# Number of different points from which on one mesh is enough, that of occupancy-net. On validation
+# objects with so many points, noisy or not, leaving out the mesh of denoised-wrap changes LPIPS by
+# .001 or less; leaving out that of occupancy-net raises it by .008 to .036.
 ENOUGH = 1024
-NOTHING = in_grey(np.empty((0, 3)), np.empty((0, 3), int))
+NOTHING = in_grey(np.empty((0, 3)), np.empty((0, 3), int))  # a mesh without faces
 
 
 @dataclass(frozen=True, eq=False)
 class _FusedState:
-    """The surfels of a cloud, its meshes in the order of the network's inputs, and notes.
+    """What is prepared of a cloud.
 
-    A mesh that could not be made has no faces.
+    surfels  the points with their normals
+    meshes   in the order of the network's inputs; those that were not made have no faces
+    notes    what went wrong, for the user
     """
 
     surfels: Surfels
@@ -43,9 +50,13 @@ class _FusedState:
 
 
 class FusedNetRenderer:
-    """A `data_prep.scene.Renderer` by `SplatNetRenderer`, to which the meshes are shown as well.
+    """A `data_prep.scene.Renderer` that draws as `SplatNetRenderer`, and shows the network meshes.
 
-    It takes what that takes, and weights of `baselines.fused_net.weights.load_weights`.
+    weights    of `baselines.fused_net.weights.load_weights`
+    device, precision, size
+               as for `baselines.splat_net.renderer.SplatNetRenderer`
+
+    Raises ValueError for another precision or size.
     """
 
     def __init__(
@@ -61,16 +72,18 @@ class FusedNetRenderer:
         self.methods = reconstructors(self.splats.inputs.meshes, device)
 
     def prepare(self, cloud: PointCloud, rng: np.random.Generator | None = None) -> _FusedState:
-        """Return the surfels and meshes of a cloud; no randomness.
+        """Return the surfels and meshes of a cloud; `rng` is not used.
 
-        A method that fails to make a mesh is left out, and a note says so. For ENOUGH different
-        points denoised-wrap is left out, too, unless occupancy-net has failed.
+        Where a method fails to make its mesh, the network draws without it, and a note says so. A
+        cloud of ENOUGH different points has only the mesh of occupancy-net, or that of
+        denoised-wrap where occupancy-net fails.
 
         Raises StageFailure at the stage "input", for an empty or non-finite cloud.
         """
         del rng
         surfels = self.splats.prepare(cloud)
-        return _FusedState(surfels, *reconstruct(cloud, self.methods))
+        meshes, notes = reconstruct(cloud, self.methods)
+        return _FusedState(surfels=surfels, meshes=meshes, notes=notes)
 
     def draw(
         self,
@@ -79,10 +92,11 @@ class FusedNetRenderer:
         rng: np.random.Generator | None = None,
         size: int | None = None,
     ) -> Images:
-        """Return images of a cloud, float32 [V, size, size, 3] in [0, 1]; no randomness.
+        """Return images of a cloud, float32 [V, size, size, 3] in [0, 1]; `rng` is not used.
 
-        Images of 256 pixels are nearer to the truth than those of 128 resampled: LPIPS .119 in
-        place of .145, mean of 30 real objects. Those of splat-net are not (.161, .156).
+        size  of the images in pixels, a multiple of 16; None for that of the renderer. Drawing at
+              256 pixels is better than enlarging images of 128: mean LPIPS of 30 real objects is
+              .119 in place of .145. For splat-net, without meshes, it is not (.161 and .156)
 
         Raises StageFailure at the stage "draw", where the network gives NaN or infinity.
         """
@@ -101,6 +115,8 @@ class FusedNetRenderer:
 
 
 def _projector(state: _FusedState, splats: SplatNetRenderer) -> Projector:
+    """Return the function that makes of some views what the network sees from them."""
+
     def project(some: Sequence[View]) -> Projection:
         maps = torch.from_numpy(maps_of(state.meshes, some, splats.size))
         at, maps = cameras(some).to(splats.device), maps.to(splats.device)
@@ -116,27 +132,29 @@ class _Reconstructor(Protocol):
 
 
 def reconstructors(names: Sequence[str], device: str = "cpu") -> dict[str, _Reconstructor]:
-    """Return the methods of `baselines.fused_net.weights.MESHES` with these names."""
-    return {
-        name: OccupancyNetRenderer(load_weights(OCCUPANCY), device=device)
-        if name == "occupancy-net"
-        else DenoisedWrap()
-        for name in names
-    }
+    """Return the methods that make meshes, by their `names`, which are of `weights.MESHES`."""
+    methods: dict[str, _Reconstructor] = {}
+    for name in names:
+        if name == "occupancy-net":
+            methods[name] = OccupancyNetRenderer(load_weights(OCCUPANCY), device=device)
+        else:
+            methods[name] = DenoisedWrap()
+    return methods
 
 
 def reconstruct(
     cloud: PointCloud, methods: Mapping[str, _Reconstructor]
 ) -> tuple[tuple[Mesh, ...], tuple[str, ...]]:
-    """Return the mesh of each method, and notes.
+    """Return the meshes of a cloud in the order of `methods`, and notes.
 
-    Where a method fails its mesh has no faces, and a note says why: the points are still there. Of
-    ENOUGH different points only the last method that does not fail makes a mesh.
+    Where a method fails, its mesh has no faces and a note says why: the network still sees the
+    points. For ENOUGH different points only one mesh is made, by the last method that does not
+    fail; the others have no faces.
     """
     meshes = dict.fromkeys(methods, NOTHING)
     notes = {name: list[str]() for name in methods}
     enough = len(np.unique(cloud.points, axis=0)) >= ENOUGH
-    for name in reversed([*methods]):
+    for name in reversed(list(methods)):
         if enough and any(len(mesh.faces) for mesh in meshes.values()):
             break
         try:
@@ -144,8 +162,9 @@ def reconstruct(
         except StageFailure as failure:
             notes[name] = [f"no mesh, {failure}"]
         else:
-            meshes[name], notes[name] = result.mesh, [*result.notes]
-    return (*meshes.values(),), tuple(f"{name}: {n}" for name in methods for n in notes[name])
+            meshes[name], notes[name] = result.mesh, list(result.notes)
+    named = [f"{name}: {note}" for name in methods for note in notes[name]]
+    return tuple(meshes.values()), tuple(named)
 
 
 def maps_of(

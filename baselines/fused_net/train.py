@@ -1,7 +1,8 @@
-"""Training of the network: that of splat-net, on clouds whose meshes are known.
+"""Training of fused-net: it is that of splat-net, with clouds whose meshes are known.
 
-Each object has one cloud (`baselines.fused_net.data`). Clouds of a batch have the same number of
-points, as in the training of splat-net: a cloud that is filled up would have other densities.
+Each object has one cloud (`baselines.fused_net.data`). A batch has clouds of one number of points,
+as in the training of splat-net. Otherwise smaller clouds would have to be filled up by repeating
+points, which would change their densities.
 """
 
 from __future__ import annotations
@@ -35,6 +36,7 @@ class FusedNetTrainer(SplatNetTrainer):
         self.maps = data.maps
         self.counts = torch.from_numpy(data.counts)
         self.noise = torch.from_numpy(data.noise)
+        # Sheets show objects whose clouds have all their points.
         most = (self.counts == self.counts.max()).nonzero()[:, 0]
         count = min(len(self.shown), len(most))
         self.shown = most[torch.arange(count) * len(most) // count]
@@ -44,22 +46,25 @@ class FusedNetTrainer(SplatNetTrainer):
         return self.learned.surfaces
 
     def _draw_batch(self) -> tuple[Seen, Truth, Tensor]:
-        """Return the network's input, the truth, and the noise of the clouds [B], for B views."""
+        """Return the network's input of B views, the true images, and the noise of clouds [B]."""
         views = self.data.seen.azimuth_deg.shape[1]
         clouds = self.batch // VIEWS_TOGETHER
-        # a number of points is as likely as its share of the objects
+        # The number of points of a random object: it is as likely as objects with it are frequent.
         points = self.counts[torch.randint(len(self.counts), (), generator=self.random)]
         like = (self.counts == points).nonzero()[:, 0]
         objects = like[torch.randint(len(like), (clouds,), generator=self.random)]
         order = torch.rand(clouds, views, generator=self.random).argsort(dim=1)
         mirrored = torch.rand(clouds, generator=self.random) < 0.5
         taken = self.clouds[objects, : int(points)]
-        scene = self._scene(taken, objects, order[:, :VIEWS_TOGETHER], mirrored)
-        return *scene, self.noise[objects].repeat_interleave(VIEWS_TOGETHER)
+        seen, truth = self._scene(taken, objects, order[:, :VIEWS_TOGETHER], mirrored)
+        return seen, truth, self.noise[objects].repeat_interleave(VIEWS_TOGETHER)
 
     def _maps(
         self, objects: NDArray[np.int64], views: NDArray[np.int64], mirrored: Tensor
     ) -> Tensor:
-        """Return the maps [B, 5 * meshes, S, S] of objects from views, some of them mirrored."""
+        """Return the maps [B, 5 * meshes, S, S] of B objects, each from one view.
+
+        mirrored  bool [B, 1, 1, 1]: which ones are those of the mirrored object
+        """
         maps = decode(torch.from_numpy(self.maps[objects, views]).to(self.device))
         return torch.where(mirrored, mirror(maps), maps)

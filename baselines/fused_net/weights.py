@@ -1,7 +1,7 @@
-"""Trained weights as files: those of a splat-net whose inputs name meshes.
+"""Trained weights of fused-net as files: they are those of a splat-net whose inputs have meshes.
 
-What is bundled stands in `learning.weights.FILES`. PyTorch is imported by what handles tensors
-only.
+The names of the bundled files are in `learning.weights.FILES`. Importing this module does not load
+PyTorch; reading a file does.
 """
 
 from __future__ import annotations
@@ -13,14 +13,14 @@ from data_prep.failures import BadInput
 from learning.weights import FILES, NetworkWeights
 
 PACKAGE = "baselines.fused_net"
-MESHES = ("denoised-wrap", "occupancy-net")  # methods whose meshes it can see, in this order
+MESHES = ("denoised-wrap", "occupancy-net")  # methods whose meshes a fused-net can see, in order
 
 
 def load_weights(name_or_path: str | Path = "all") -> NetworkWeights:
-    """Return the weights of a bundled name or a path.
+    """Return the weights of a bundled name, or of a file by its path.
 
-    Raises BadInput as `learning.weights.WeightFiles.find` and `load`, and for a network that sees
-    no meshes, or others than MESHES.
+    Raises BadInput as `learning.weights.WeightFiles.find` and `load` do, and for a network that
+    sees no meshes, or others than MESHES.
     """
     path = FILES[PACKAGE].find(name_or_path)
     weights = read_file(path, in_grey=str(name_or_path) in FILES[PACKAGE].files)
@@ -32,9 +32,9 @@ def load_weights(name_or_path: str | Path = "all") -> NetworkWeights:
 
 
 def check_meshes(meshes: tuple[str, ...], where: str) -> None:
-    """Check that meshes are of MESHES, at least one, in their order.
+    """Check that `meshes` has at least one name of MESHES, and no other, in their order.
 
-    Raises BadInput, which begins with `where`, otherwise.
+    Raises BadInput otherwise, with `where` at the beginning of the message.
     """
     if not meshes or meshes != tuple(name for name in MESHES if name in meshes):
         raise BadInput(

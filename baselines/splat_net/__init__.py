@@ -1,4 +1,4 @@
-"""splat-net: a small network whose input is the projected points.
+"""splat-net: a small network that draws images from the projected points of a cloud.
 
 `load` gives a renderer with bundled weights or with your own.
 """

@@ -1,4 +1,4 @@
-"""The configuration of a training; it loads no PyTorch, as command lines need it."""
+"""The configuration of a training of splat-net, read by command lines, hence without PyTorch."""
 
 from __future__ import annotations
 
@@ -11,7 +11,7 @@ from learning.configuration import DEFAULT_CADENCE, Cadence, Precision
 if TYPE_CHECKING:
     from baselines.splat_net.network import NetworkConfig
 
-VIEWS_TOGETHER = 2  # of a cloud, in a step
+VIEWS_TOGETHER = 2  # views of the same cloud that a step draws
 
 
 def _default() -> NetworkConfig:
@@ -25,12 +25,18 @@ class SplatNetConfig:
     """The configuration of a training.
 
     objective  a key of `baselines.splat_net.losses.OBJECTIVES`
-    warm_up    steps in which the judge of patches learns and its verdict does not count
-    cool_down  last steps, over which the learning rate falls to nothing, and networks normalise as
-               they will when they draw (`learning.trainer.take_statistics`)
-    batch      images a step, a multiple of VIEWS_TOGETHER
-    augment    fewer points and noise; without it every cloud is seen whole and clean
-    start      checksums of the weights that training starts from; None where they are random
+    steps      of the whole training
+    warm_up    number of first steps in which the judge of patches learns, but its verdict does not
+               enter the loss of the network
+    cool_down  number of last steps, in which the learning rate falls to 0, and BatchNorm normalises
+               as it does at inference (`learning.trainer.take_statistics`)
+    batch      images of a step, a multiple of VIEWS_TOGETHER
+    augment    whether clouds are degraded: fewer points, and noise
+    judge_lr   learning rate of the judge of patches
+    ema_decay  decay of the average of the weights, which is what is exported
+    start      sha256 of the weights that training starts from; None where they are random
+
+    Raises BadInput for an unknown objective, an odd batch, and heads that are not trained together.
     """
 
     network: NetworkConfig = field(default_factory=_default)
@@ -64,5 +70,5 @@ class SplatNetConfig:
         if self.network.heads not in COLOUR_HEADS.values():
             raise BadInput(
                 f"heads {self.network.heads}: colours and grey are trained at once; use "
-                + " or ".join(map(str, COLOUR_HEADS.values()))
+                f"{' or '.join(map(str, COLOUR_HEADS.values()))}"
             )

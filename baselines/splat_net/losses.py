@@ -13,30 +13,36 @@ from torch.nn.utils.parametrizations import spectral_norm
 from baselines.splat_net.network import shading_of
 from learning.image_losses import FOREGROUND_WEIGHT, weighted_error
 
-STRUCTURE_WEIGHT = 0.5
-COVERAGE_WEIGHT = 0.1
-GREY_WEIGHT = 0.5
-TILT_WEIGHT = 0.3
-WHOLE = 254.5 / 255  # coverage of a pixel whose samples are all of the object
-# The true grey has 8 bits: at a tilt of 0 the next grey level is a tilt of some 10 degrees.
+# Weights of terms of the loss, relative to the absolute error of the image in colour.
+STRUCTURE_WEIGHT = 0.5  # of 1 - SSIM
+COVERAGE_WEIGHT = 0.1  # of the cross entropy of the coverage
+GREY_WEIGHT = 0.5  # of the errors of the image in grey
+TILT_WEIGHT = 0.3  # of the error of tilts
+WHOLE = 254.5 / 255  # coverage, 0..1, from which on a pixel counts as covered wholly by the object
+# Added to 1 - cos(t) before the root is taken, whose slope at 0 is infinite. The true grey has 8
+# bits, so that tilts below some 10 degrees are one grey level anyway.
 _FLAT = 0.01
-_NO_LENGTH = 1e-6
-FeatureMaps = Callable[[Tensor], Sequence[Tensor]]  # of images [B, 3, S, S] in 0..255
+_NO_LENGTH = 1e-6  # added to lengths of features before dividing by them
+# A function that returns maps of deep features [B, C, h, w] of images [B, 3, S, S] in 0..255.
+FeatureMaps = Callable[[Tensor], Sequence[Tensor]]
 
 
 @dataclass(frozen=True)
 class _SplatNetObjective:
-    """The terms of a training's loss and their weights.
+    """The terms of a training's loss, and their weights.
 
-    patch_weight  that of the judge of patches on clean clouds, and on those with the strongest
-                  noise of the training; between the two it rises with the standard deviation. The
-                  less the points say, the more the mean of all images that are possible is
-                  blurred, and the more counts that an image is likely. None: there is no judge
-    plain         the absolute error of all pixels alike, and no SSIM
-    colours       the judge sees the colours beside the grey image. The cloud has none: a judge of
-                  colours rewards guesses, in blotches; without, colours that the shape does not
-                  decide become the median of those that are possible
-    tilts         the error of tilts counts, too (`tilt_error`)
+    patch_weight  weights of the verdict of the judge of patches, on clean clouds and on those with
+                  the strongest noise; in between it rises linearly with the standard deviation of
+                  the noise. The less a cloud tells, the more images are possible, and the more
+                  their mean is blurred; the judge makes the network draw a likely one instead.
+                  None: there is no judge
+    source        the terms in words, for the card of the weights
+    plain         whether the image error is the mean absolute error, the same for all pixels and
+                  without SSIM
+    colours       whether the judge sees the image in colour beside the one in grey. A cloud has no
+                  colours, so such a judge rewards guesses, which come out in blotches. Without it,
+                  colours that the shape does not decide become the median of the possible ones
+    tilts         whether the error of tilts counts (`tilt_error`)
     features      weight of the distance of deep features (`feature_error`)
     """
 
@@ -48,47 +54,55 @@ class _SplatNetObjective:
     features: float = 0.0
 
     def image_error(self, drawn: Tensor, real: Tensor, coverage: Tensor) -> Tensor:
-        """Return the error of images [B, C, S, S], given coverage [B, 1, S, S] in 0..1; a scalar.
+        """Return the error of drawn images [B, C, S, S] against real ones, a scalar.
 
-        Unless it is plain, `learning.image_losses.weighted_error`: the score of the benchmark is
-        part of it, and the model card says so.
+        coverage  [B, 1, S, S] in 0..1: the pixels of the object count more
+
+        It is `learning.image_losses.weighted_error`, or the mean absolute error for a plain
+        objective. The former has SSIM, which is a score of the benchmark; the model card says so.
         """
         if self.plain:
             return functional.l1_loss(drawn, real)
         return weighted_error(drawn, real, coverage > 0, STRUCTURE_WEIGHT)
 
     def judged(self, colour: Tensor, grey: Tensor) -> Tensor:
-        """Return the judge's input [B, `judged_channels`, S, S]: the grey image, or both.
+        """Return what the judge sees, [B, `judged_channels`, S, S]: the grey image, or both.
 
-        The images are [B, 3, S, S] and [B, 1, S, S].
+        colour  [B, 3, S, S]
+        grey    [B, 1, S, S]
         """
         return torch.cat([colour, grey], dim=1) if self.colours else grey
 
     @property
     def judged_channels(self) -> int:
-        """Return the number of channels of `judged`."""
+        """Return the number of channels that the judge sees."""
         return 4 if self.colours else 1
 
 
 OBJECTIVES = {
-    "l1": _SplatNetObjective(None, "weighted L1 + SSIM + cross entropy of the coverage"),
+    "l1": _SplatNetObjective(
+        patch_weight=None, source="weighted L1 + SSIM + cross entropy of the coverage"
+    ),
     "l1-patch": _SplatNetObjective(
-        (0.05, 0.2), "l1, and hinge losses of patches in grey (after Isola et al. 2017)"
+        patch_weight=(0.05, 0.2),
+        source="l1, and hinge losses of patches in grey (after Isola et al. 2017)",
     ),
     "relief": _SplatNetObjective(
-        (0.1, 0.2),
-        "l1-patch, with more weight of patches on clean clouds, and the error of tilts",
+        patch_weight=(0.1, 0.2),
+        source="l1-patch, with more weight of patches on clean clouds, and the error of tilts",
         tilts=True,
     ),
     "perceptual": _SplatNetObjective(
-        (0.1, 0.2),
-        "relief, and the distance of features of EfficientNet-Lite0 (after Johnson et al. 2016)",
+        patch_weight=(0.1, 0.2),
+        source=(
+            "relief, and the distance of features of EfficientNet-Lite0 (after Johnson et al. 2016)"
+        ),
         tilts=True,
         features=2.0,
     ),
     "pix2pix": _SplatNetObjective(
-        (0.01, 0.01),
-        "L1 and patches, 100 to 1 (Isola et al. 2017), here with hinge losses",
+        patch_weight=(0.01, 0.01),
+        source="L1 and patches, 100 to 1 (Isola et al. 2017), here with hinge losses",
         plain=True,
         colours=True,
     ),
@@ -97,7 +111,7 @@ OBJECTIVES = {
 
 @dataclass(frozen=True, eq=False)
 class Truth:
-    """The true images of B clouds and views, in 0..1.
+    """The true images of B views, with values in 0..1.
 
     colour    [B, 3, S, S]
     grey      [B, 1, S, S]
@@ -110,38 +124,46 @@ class Truth:
 
 
 def coverage_error(logits: Tensor, coverage: Tensor) -> Tensor:
-    """Return the cross entropy of coverage [B, 1, S, S], weighted as in `weighted_error`."""
+    """Return the mean cross entropy of coverage, a scalar; pixels of the object count more.
+
+    logits    [B, 1, S, S]
+    coverage  [B, 1, S, S], the true one, 0..1
+    """
     weight = torch.where(coverage > 0, FOREGROUND_WEIGHT, 1.0)
     return functional.binary_cross_entropy_with_logits(logits, coverage, weight=weight)
 
 
 def tilt_error(cover: Tensor, grey: Tensor, coverage: Tensor) -> Tensor:
-    """Return the mean error of the tilt and of its differences between neighbours; a scalar.
+    """Return the mean error of the surface's tilt plus that of its differences, a scalar.
 
-    The light shines along the view: a face tilted by 45 degrees still has .85 of the full
-    brightness, so that brightness hardly tells facets and creases. The tilt t is compared as
-    sqrt(1 - cos(t)), which is nearly proportional to it, in pixels that are covered whole.
+    The tilt is the angle between a surface's normal and the view. Because the light shines along
+    the view, a face tilted by 45 degrees still has .85 of the full brightness, and errors of
+    brightness hardly show facets and creases. So tilts t are compared, as sqrt(1 - cos(t)), which
+    is nearly proportional to t, and the differences of tilts between neighbouring pixels. Only
+    pixels that the object covers wholly count.
 
-    cover     [B, 1, S, S]: what covers a pixel in grey, drawn
+    cover     [B, 1, S, S]: the drawn grey of what covers a pixel, without the background
     grey      [B, 1, S, S]: the true grey image
-    coverage  [B, 1, S, S]
+    coverage  [B, 1, S, S]: the true coverage
     """
     whole = (coverage > WHOLE).float()
     error = _tilt(cover) - _tilt(grey)
     total = (whole * error.abs()).sum() / whole.sum().clamp(min=1)
     for axis in (2, 3):
-        first, second = (slice(None, -1), slice(1, None))
-        at = [(slice(None),) * axis + (part,) for part in (first, second)]
-        both = whole[at[0]] * whole[at[1]]
-        differences = (error[at[1]] - error[at[0]]).abs()
+        pairs = whole.shape[axis] - 1
+        both = whole.narrow(axis, 0, pairs) * whole.narrow(axis, 1, pairs)
+        differences = (error.narrow(axis, 1, pairs) - error.narrow(axis, 0, pairs)).abs()
         total = total + (both * differences).sum() / both.sum().clamp(min=1)
     return total
 
 
 def feature_error(drawn: Tensor, real: Tensor, maps: FeatureMaps) -> Tensor:
-    """Return the mean squared distance of deep features, each pixel's of length 1; a scalar.
+    """Return the mean squared distance between deep features of drawn and real images, a scalar.
 
-    That is LPIPS without its heads (Zhang et al. 2018). Grey images [B, 1, S, S] in 0..1.
+    The features of a pixel are scaled to length 1. This is LPIPS (Zhang et al. 2018) without its
+    learned weights of channels.
+
+    drawn, real  grey images [B, 1, S, S] in 0..1
     """
     with torch.no_grad():
         targets = maps(255 * real.expand(-1, 3, -1, -1))
@@ -153,19 +175,22 @@ def feature_error(drawn: Tensor, real: Tensor, maps: FeatureMaps) -> Tensor:
 
 
 def _directions(features: Tensor) -> Tensor:
-    """Return features [B, C, h, w] of length 1; those of length 0 stay."""
+    """Return features [B, C, h, w] scaled to length 1 at every pixel; zeros stay zeros."""
     features = features.float()
     return features / (torch.linalg.vector_norm(features, dim=1, keepdim=True) + _NO_LENGTH)
 
 
 def _tilt(grey: Tensor) -> Tensor:
-    """Return sqrt(1 - cos(t)) of the tilts t that grey pixels 0..1 show."""
+    """Return about sqrt(1 - cos(t)), where t is the tilt that a grey pixel in 0..1 shows."""
     cosine = shading_of(grey).pow(2.2)
     return (1 - cosine + _FLAT).sqrt()
 
 
 class PatchJudge(nn.Sequential):
-    """The patch discriminator: images [B, channels, S, S] -> realness [B, 1, S/8, S/8]."""
+    """The patch discriminator: it tells of patches of an image how real they look.
+
+    Its input is [B, channels, S, S], its output [B, 1, S/8, S/8]: positive for real patches.
+    """
 
     def __init__(self, channels: int) -> None:
         def layer(cin: int, cout: int, stride: int) -> nn.Module:
@@ -179,5 +204,5 @@ class PatchJudge(nn.Sequential):
 
 
 def judge_error(on_real: Tensor, on_drawn: Tensor) -> Tensor:
-    """Return the hinge loss of the judge; a scalar."""
+    """Return the judge's hinge loss, a scalar, of its outputs for real and for drawn images."""
     return functional.relu(1 - on_real).mean() + functional.relu(1 + on_drawn).mean()

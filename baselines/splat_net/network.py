@@ -1,11 +1,11 @@
-"""The network: a U-Net over the projected points.
+"""The network of splat-net: a U-Net over the projected points.
 
-It predicts how much of a pixel is covered (alpha) and, apart from it, what covers it; the image is
-their composite on white. A head for each material tells what covers a pixel: "grey" in the neutral
-grey that reconstructions are rendered in, "colour" in colours of its own at every pixel. The light
-shines along the view, so the grey image is the shading of any material. A cloud has no colours, and
-"albedo" guesses one colour for the whole image, which the shading of "grey" is multiplied with.
-Heads are trained together, on one trunk; a file of weights has the heads of one image.
+For each pixel it predicts how much of it is covered (alpha), and what covers it; the image is their
+composite on white. What covers a pixel is told by heads, one for each material. The head "grey"
+tells it in the neutral grey that reconstructions are rendered in, and "colour" in a colour for each
+pixel. A third head, "albedo", guesses one colour for the whole image. It is multiplied by the
+shading, which the grey image shows, because the light shines along the view. The heads are
+trained together on one U-Net. A file of weights has only those that one image needs.
 """
 
 from __future__ import annotations
@@ -22,13 +22,15 @@ from baselines.splat_net.projection import ALL_INPUTS, Inputs
 from data_prep.failures import BadInput
 from data_prep.scene import NEUTRAL_GREY
 
-SMALLEST = 16  # the image's side over that of the narrowest level: sizes must be its multiples
+# The U-Net halves images four times, so that the side of an image must be a multiple of this.
+SMALLEST = 16
 Material = Literal["colour", "grey", "albedo"]
 _Body = Literal["splat-net", "points2pix"]
 BODIES: tuple[_Body, ...] = get_args(_Body)
-PLANES: dict[Material, int] = {"colour": 3, "grey": 1, "albedo": 3}
-NEUTRAL = NEUTRAL_GREY[0] / 255  # a grey pixel over it is the shading, 0..1
-# In training, and of a file of weights: a colour for each pixel, or one for the image.
+PLANES: dict[Material, int] = {"colour": 3, "grey": 1, "albedo": 3}  # numbers of a head, at a pixel
+# Neutral grey in full light, 0..1: the grey of a covered pixel divided by it is the shading.
+NEUTRAL = NEUTRAL_GREY[0] / 255
+# The heads that are trained together: for a colour at each pixel, or for one colour of the image.
 COLOUR_HEADS: dict[str, tuple[Material, ...]] = {
     "pixel": ("colour", "grey"),
     "image": ("grey", "albedo"),
@@ -37,11 +39,15 @@ COLOUR_HEADS: dict[str, tuple[Material, ...]] = {
 
 @dataclass(frozen=True)
 class NetworkConfig:
-    """The shape of the network.
+    """The shape of a network.
 
-    widths  channels at 128, 64, 32, 16 and 8 pixels
+    inputs  its input channels
+    widths  channels of the five levels, where an image of 128 pixels has 128, 64, 32, 16 and 8
     heads   materials that it draws in
-    body    what lies between: this module's, or `baselines.splat_net.points2pix`
+    body    "splat-net" for the U-Net of this module, "points2pix" for
+            `baselines.splat_net.points2pix`
+
+    Raises BadInput for other than five widths, a width below 1, and an albedo without its grey.
     """
 
     inputs: Inputs = ALL_INPUTS
@@ -77,7 +83,7 @@ NETWORKS = {"default": DEFAULT, "points2pix": POINTS2PIX}
 
 
 class Block(nn.Sequential):
-    """A convolution, normalisation and ReLU; inference folds `norm` into the convolution."""
+    """A convolution, normalisation and ReLU; for inference `norm` is folded into `conv`."""
 
     def __init__(self, cin: int, cout: int, stride: int = 1) -> None:
         super().__init__()
@@ -100,19 +106,22 @@ class SplatNet(nn.Module):
         )
         self.middle = Block(widths[-1], widths[-1])
         self.lift = nn.ModuleList(nn.Conv2d(b, a, 1) for a, b in reversed(pairs))
-        # two at the coarse levels, where they are cheap
-        self.up = nn.ModuleList(
-            nn.Sequential(*(Block(a, a) for _ in range(2 if a >= widths[2] else 1)))
-            for a, _ in reversed(pairs)
-        )
+        self.up = nn.ModuleList()
+        for width, _ in reversed(pairs):
+            coarse = width >= widths[2]  # there a second block is cheap
+            blocks = [Block(width, width), Block(width, width)] if coarse else [Block(width, width)]
+            self.up.append(nn.Sequential(*blocks))
         self.last = nn.Conv2d(widths[0], config.outputs, 3, padding=1)
         if "albedo" in config.heads:
             self.albedo = nn.Linear(widths[-1], PLANES["albedo"])
 
     def forward(self, channels: Tensor, points: Tensor | None = None) -> Tensor:
-        """Return alpha and the heads' planes [P, planes, S, S], before the sigmoid.
+        """Return alpha and the planes of the heads, [P, planes, S, S], before the sigmoid.
 
-        Planes of the albedo have one value an image. `points` are not used.
+        channels  [P, C, S, S], of `baselines.splat_net.projection`
+        points    not used; `Points2Pix` needs them
+
+        The three planes of the albedo have the same value at all pixels of an image.
         """
         x = self.first(channels)
         passed = []
@@ -126,18 +135,22 @@ class SplatNet(nn.Module):
         planes = self.last(x)
         if "albedo" not in self.config.heads:
             return planes
-        # a wrong guess of the colour must not change the shape: nothing is learned from it here
+        # `detach`: errors of the guessed colour must not change the features that make the shape.
         albedo = self.albedo(middle.detach().mean(dim=(2, 3))).to(planes)[:, :, None, None]
         return torch.cat([planes, albedo.expand(-1, -1, *planes.shape[2:])], dim=1)
 
 
 def composite(output: Tensor, heads: tuple[Material, ...]) -> tuple[Tensor, list[Tensor]]:
-    """Return alpha [P, 1, S, S] and an image on white [P, 3 or 1, S, S] for each head.
+    """Return alpha [P, 1, S, S] and, for each head, an image on white [P, 3 or 1, S, S].
 
-    All lie in 0..1. No gradient of an image by the albedo reaches alpha or the shading.
+    output  [P, planes, S, S], of the network, before the sigmoid
+
+    All values lie in 0..1. The image that is made with the albedo gives no gradient to alpha and to
+    the shading.
     """
     planes = torch.sigmoid(output.float())
-    alpha, *covers = planes.split([1, *(PLANES[head] for head in heads)], dim=1)
+    counts = [PLANES[head] for head in heads]
+    alpha, *covers = planes.split([1, *counts], dim=1)
     images = [1 + alpha * (cover - 1) for cover in covers]
     if "albedo" in heads:
         grey, albedo = covers
@@ -146,5 +159,8 @@ def composite(output: Tensor, heads: tuple[Material, ...]) -> tuple[Tensor, list
 
 
 def shading_of(cover: Tensor) -> Tensor:
-    """Return the shading, cos(t)^(1/2.2) for a tilt t, of what covers a grey pixel; both 0..1."""
+    """Return the shading, 0..1, of what covers a pixel in neutral grey, 0..1.
+
+    It is cos(t)^(1/2.2), where t is the angle between the surface's normal and the view.
+    """
     return (cover / NEUTRAL).clamp(max=1.0)

@@ -1,9 +1,9 @@
-"""Projection of the points by the camera: the input channels of the network.
+"""Projection of the points by the camera, which gives the input channels of the network.
 
-Every channel is made by scattering all points of all images at once, in float32: in bfloat16
-depths of neighbouring points would be equal. A point's disc is a square of pixels, of which the
-nearest point wins (where it matters the network makes it round); squares grow with the image, so
-that they cover the same angle at any size.
+Points are drawn into the pixels that they fall in, for all images at once, and then spread over a
+square window of pixels; where windows overlap, the nearest point wins. Windows grow with the image,
+so that they cover the same angle at any size. All is computed in float32, because in bfloat16 the
+depths of neighbouring points would be equal.
 """
 
 from __future__ import annotations
@@ -20,24 +20,26 @@ from data_prep.rendering.camera import CAMERA_DISTANCE, FARTHEST, FOCAL_PX, came
 from data_prep.rendering.raycast import MAPS, MOST_NEARNESS
 from data_prep.scene import IMAGE_SIZE, View
 
-_NEAREST = 0.05 * CAMERA_DISTANCE  # what is nearer than this, the mesh renderer cuts off as well
-_DENSITY_WINDOWS = (1, 3, 9)  # sides in pixels, at 128 px
-EMPTY = 1e4  # depth where there is no point
+# Points nearer to the camera than this are not drawn; the mesh renderer has the same near plane.
+_NEAREST = 0.05 * CAMERA_DISTANCE
+_DENSITY_WINDOWS = (1, 3, 9)  # pixels, at 128 px: sides of the windows in which points are counted
+EMPTY = 1e4  # depth of a pixel without a point: greater than any depth that is seen
 
 
 @dataclass(frozen=True)
 class Inputs:
-    """The selection of input channels.
+    """A selection of input channels.
 
-    windows    sides in pixels of the discs, at 128 px, from narrow to wide; odd
-    normals    normals and surface variation: of the first scale for the narrowest discs, of the
-               others for the widest
-    density    points in windows of 1, 3 and 9 px
+    windows    odd sides, in pixels of an image of 128, of the windows that points are spread over,
+               ascending: for each one, the depth of the nearest point
+    normals    normals and surface variation of the nearest point: of the first scale in the
+               narrowest window, and of the other scales in the widest
+    density    number of points in windows of 1, 3 and 9 pixels
     flattened  depth and density of the points moved onto the planes of their neighbourhoods
     far        depth of the farthest point in the widest window
-    noise      the median variation of the whole cloud at each scale, which says how noisy it is:
-               the same wherever a point is near
-    meshes     methods that reconstruct a mesh of the cloud: its maps
+    noise      median variation of the whole cloud at each scale, which tells how noisy it is; it
+               is the same in all pixels that have a point in the widest window
+    meshes     names of methods that reconstruct a mesh of the cloud, whose maps
                (`data_prep.rendering.raycast.surface_maps`) follow the channels of the points
     """
 
@@ -51,26 +53,23 @@ class Inputs:
 
     @property
     def names(self) -> tuple[str, ...]:
-        """Return the name of each channel, in the order of `project`."""
-        return (
-            *(f"nearest in {window}" for window in self.windows),
-            *(["farthest"] if self.far else []),
-            *(f"density in {window}" for window in _DENSITY_WINDOWS if self.density),
-            *(
-                f"flattened {i} {what}"
-                for i in FLATTENED
-                for what in ("depth", "density")
-                if self.flattened
-            ),
-            *(
-                f"normal {i} {what}"
-                for i in HOPS
-                for what in ("x", "y", "z", "variation")
-                if self.normals
-            ),
-            *(f"noise {i}" for i in HOPS if self.noise),
-            *(f"mesh {name} {what}" for name in self.meshes for what in MAPS),
-        )
+        """Return the name of each channel, in the order of `Projection.channels`."""
+        names = [f"nearest in {window}" for window in self.windows]
+        if self.far:
+            names.append("farthest")
+        if self.density:
+            names += [f"density in {window}" for window in _DENSITY_WINDOWS]
+        if self.flattened:
+            for scale in FLATTENED:
+                names += [f"flattened {scale} depth", f"flattened {scale} density"]
+        if self.normals:
+            for hops in HOPS:
+                names += [f"normal {hops} {what}" for what in ("x", "y", "z", "variation")]
+        if self.noise:
+            names += [f"noise {hops}" for hops in HOPS]
+        for mesh in self.meshes:
+            names += [f"mesh {mesh} {what}" for what in MAPS]
+        return tuple(names)
 
     @property
     def channels(self) -> int:
@@ -79,7 +78,7 @@ class Inputs:
 
     @property
     def of_points(self) -> int:
-        """Return the number of channels before those of meshes."""
+        """Return the number of channels that come from points: those before the maps of meshes."""
         return self.channels - len(MAPS) * len(self.meshes)
 
     @property
@@ -98,7 +97,7 @@ def cameras(views: Sequence[View]) -> Tensor:
 
 
 def project(surfels: Surfels, cameras: Tensor, inputs: Inputs, size: int = IMAGE_SIZE) -> Tensor:
-    """Return the channels of whole images, see `Projection`."""
+    """Return the channels [P, inputs.channels, size, size] of P images, see `Projection`."""
     return Projection(surfels, cameras, inputs, size).whole()
 
 
@@ -106,12 +105,16 @@ class Projection:
     """The points of P clouds as seen by P cameras.
 
     surfels  with one leading dimension: P, or 1 where all cameras see the same cloud
-    cameras  [P, 3, 4]
-    size     of the images, a multiple of 16
-    maps     those of `inputs.meshes`, [P, 5 * meshes, S, S]; None where there are no meshes
+    cameras  world-to-camera matrices [P, 3, 4]
+    inputs   the channels to make
+    size     side of the images in pixels, a multiple of 16
+    maps     of the meshes of `inputs.meshes`, [P, 5 * meshes, S, S]; None where there are none
+
     points   [P, 3, N], in the camera's frame
 
-    Points behind the camera or off the image are not seen.
+    Points behind the camera or outside of the image are not drawn.
+
+    Raises ValueError where `maps` are missing, and where they are given for no meshes.
     """
 
     def __init__(
@@ -123,8 +126,10 @@ class Projection:
         maps: Tensor | None = None,
     ) -> None:
         self.inputs, self.size = inputs, size
-        if (maps is None) == bool(inputs.meshes):
-            raise ValueError(f"meshes {inputs.meshes}: give their maps, and no others")
+        if inputs.meshes and maps is None:
+            raise ValueError(f"meshes {inputs.meshes}: their maps are missing; give them as maps=")
+        if not inputs.meshes and maps is not None:
+            raise ValueError("maps: the inputs have no meshes; leave maps= out")
         self.maps = None if maps is None else maps.permute(0, 2, 3, 1)
         self.points = points = _to_camera(surfels.points, cameras)
         self.seen = _Pixels(points, size)
@@ -136,7 +141,8 @@ class Projection:
         self.flat = [(some.nearest_depth(), some.count()) for some in self.flattened]
         self.attributes = _attributes(surfels, cameras, points) if inputs.normals else None
         self.noise: Tensor | None = None
-        if inputs.noise:  # the medians [P, scales] of the variation of each image's cloud
+        if inputs.noise:
+            # For each image, the median variation of its cloud at each scale, [P, scales], 0..1.
             medians = 3 * surfels.variation.median(dim=-2).values
             self.noise = medians.expand(len(cameras), -1)
 
@@ -145,18 +151,25 @@ class Projection:
         return self.channels(slice(None))
 
     def channels(self, images: slice, dtype: torch.dtype = torch.float32) -> Tensor:
-        """Return channels [n, inputs.channels, S, S] of some images, channels last, in a type.
+        """Return channels [n, inputs.channels, S, S] of some images, in memory channels last.
 
-        All computation before the conversion to `dtype` is in float32. Channels are 0 where no
-        point is near. Depth is given as nearness, from 0 for `FARTHEST` or nothing to about 1.1;
-        counts n as log(1 + n).
+        images  which of the P
+        dtype   of the result; everything before the conversion is computed in float32
+
+        Channels are 0 where no point is near. Depth is given as nearness, which is 0 at `FARTHEST`
+        and about 1.1 for the nearest points; a number n of points is given as log(1 + n).
         """
         inputs, size = self.inputs, self.size
         nearest = self.nearest[images]
         whole = torch.empty((*nearest.shape, inputs.channels), dtype=dtype, device=nearest.device)
         of_points = inputs.of_points
-        normals = of_points - len(HOPS) * (4 * inputs.normals + inputs.noise)  # the first
-        # first one after the other: planes that are written one by one with gaps take longer
+        normals = of_points  # the number of the first channel of normals
+        if inputs.noise:
+            normals -= len(HOPS)
+        if inputs.normals:
+            normals -= 4 * len(HOPS)
+        # The channels before are computed plane by plane and put into `whole` together: writing
+        # single planes into memory that is channels last takes longer.
         count, *shape = nearest.shape
         apart = torch.empty((count, normals, *shape), device=nearest.device)
         planes = iter(apart.unbind(1))
@@ -169,7 +182,7 @@ class Projection:
             _nearness(_depth_of(widest), next(planes))
         if self.farthest is not None:
             far = spread(self.farthest[images], width, torch.maximum)
-            _nearness(far.abs(), next(planes))  # EMPTY where there is none
+            _nearness(far.abs(), next(planes))  # without a point it is -EMPTY, and so far away
         if self.count is not None:
             count = self.count[images]
             torch.log1p(count, out=next(planes))
@@ -216,14 +229,18 @@ class _Pixels:
         self.row = size / 2 - y * scale
         within = (self.column >= 0) & (self.column < size) & (self.row >= 0) & (self.row < size)
         self.seen = ahead & within
-        # what is not seen goes to a pixel that nobody looks at
+        # Points that are not drawn go into an extra pixel after the last, which nobody looks at.
         cell = self.row.long() * size + self.column.long()
         self.cell = torch.where(self.seen, cell, size * size)
         self.depth = torch.where(self.seen, depth, EMPTY)
 
     def nearest(self) -> Tensor:
-        """Return the nearest point of each pixel, int64 [P, S, S]: depth bits above its number."""
-        # Positive floats are ordered like their bits, so that one minimum finds depth and point.
+        """Return the nearest point of each pixel, int64 [P, S, S].
+
+        The upper 32 bits are those of its depth as float32, the lower 32 its number in the cloud.
+        """
+        # Positive floats have the order of their bits read as integers, so that the minimum of such
+        # a number finds both the least depth and the point that has it.
         number = self.depth.shape[1]
         key = self.depth.view(torch.int32).long() << 32
         key |= torch.arange(number, device=key.device)
@@ -231,23 +248,29 @@ class _Pixels:
         return self._table(key, nothing, "amin")
 
     def nearest_depth(self) -> Tensor:
+        """Return the depth of the nearest point of each pixel, [P, S, S]; EMPTY without one."""
         return self._table(self.depth, EMPTY, "amin")
 
     def farthest(self) -> Tensor:
+        """Return the depth of the farthest point of each pixel, [P, S, S]; -EMPTY without one."""
         return self._table(self.depth, -EMPTY, "amax")
 
     def _table(self, values: Tensor, nothing: float, reduce: str) -> Tensor:
+        """Return the values [P, N] of points reduced over each pixel, [P, S, S]."""
         pixels = self.size * self.size
         table = values.new_full((len(values), pixels + 1), nothing)
         table.scatter_reduce_(1, self.cell, values, reduce)
         return table[:, :-1].unflatten(1, (self.size, self.size))
 
     def count(self) -> Tensor:
-        """Return the points per pixel [P, S, S], each shared among the 4 pixels around it."""
+        """Return the number of points in each pixel, [P, S, S].
+
+        A point is shared among the four pixels whose centres are around it, bilinearly.
+        """
         x, y = self.column - 0.5, self.row - 0.5
         left, top = x.floor(), y.floor()
         right_share, lower_share = x - left, y - top
-        wide = self.size + 2  # a margin all around takes what falls off
+        wide = self.size + 2  # with a margin of one pixel, which takes the shares outside
         table = x.new_zeros(len(x), wide * wide)
         seen = self.seen.to(x.dtype)
         upper = seen * (1 - lower_share)
@@ -265,9 +288,11 @@ class _Pixels:
 
 
 def spread(plane: Tensor, window: int, combine: Callable[[Tensor, Tensor], Tensor]) -> Tensor:
-    """Return `combine` (minimum, maximum or add) over `window` x `window` pixels around each.
+    """Return the minimum, maximum or sum of a plane over a window around each pixel.
 
-    Rows first, then columns, each from parts of 1, 2, 4, ... pixels, so that 9 take four steps.
+    plane    [P, S, S]
+    window   side of the window in pixels, odd
+    combine  `torch.minimum`, `torch.maximum` or `torch.add`
     """
     return _spread_along(_spread_along(plane, 2, window, combine), 1, window, combine)
 
@@ -275,14 +300,20 @@ def spread(plane: Tensor, window: int, combine: Callable[[Tensor, Tensor], Tenso
 def _spread_along(
     plane: Tensor, dim: int, window: int, combine: Callable[[Tensor, Tensor], Tensor]
 ) -> Tensor:
+    """Return a plane combined over `window` pixels along one dimension.
+
+    Pixels are combined over 1, 2, 4, ... in a row, each from two of the step before. A window is
+    put together from such rows, so that one of 9 = 1 + 8 pixels takes four steps.
+    """
     size, half = plane.shape[dim], window // 2
     shape = list(plane.shape)
     shape[dim] = half
-    edge = plane.new_full(shape, _nothing(plane, combine))  # beyond it there is nothing
-    part, span = torch.cat([edge, plane, edge], dim=dim), 1  # of pixels i .. i + span - 1
+    edge = plane.new_full(shape, _nothing(plane, combine))
+    # `part` at i is combined over the pixels i to i + span - 1.
+    part, span = torch.cat([edge, plane, edge], dim=dim), 1
     whole, covered = None, 0
     while True:
-        if window & span:  # the window's length as a sum of powers of two
+        if window & span:  # this power of two is in the sum that gives the window
             taken = part.narrow(dim, covered, size)
             whole = taken if whole is None else combine(whole, taken)
             covered += span
@@ -295,6 +326,7 @@ def _spread_along(
 
 
 def _nothing(plane: Tensor, combine: Callable[[Tensor, Tensor], Tensor]) -> float:
+    """Return the value that changes nothing where it is combined with others."""
     if combine is torch.add:
         return 0
     if combine is torch.maximum:
@@ -303,17 +335,20 @@ def _nothing(plane: Tensor, combine: Callable[[Tensor, Tensor], Tensor]) -> floa
 
 
 def _depth_of(nearest: Tensor) -> Tensor:
+    """Return the depths in what `_Pixels.nearest` returned."""
     return (nearest >> 32).int().view(torch.float32)
 
 
 def _nearness(depth: Tensor, out: Tensor) -> None:
+    """Write the nearness of depths into `out`: (FARTHEST - depth) / 2, in 0..MOST_NEARNESS."""
     torch.mul(depth, -0.5, out=out).add_(FARTHEST / 2).clamp_(0.0, MOST_NEARNESS)
 
 
 def _attributes(surfels: Surfels, cameras: Tensor, points: Tensor) -> tuple[Tensor, Tensor]:
-    """Return normals towards the camera, and variation, of the first scale and of the others.
+    """Return normals that face the camera, and variations, of the first scale and of the others.
 
-    [P, N + 1, 4] and [P, N + 1, 4 (scales - 1)]: the last row is zeros, for pixels without a point.
+    They are [P, N + 1, 4] and [P, N + 1, 4 (scales - 1)]. The last row has zeros, for pixels
+    without a point, whose nearest point has the number N.
     """
     scales = surfels.normals.shape[-2]
     turned = cameras[:, :, :3] @ surfels.normals.permute(0, 3, 2, 1).flatten(2)
@@ -329,9 +364,14 @@ def _attributes(surfels: Surfels, cameras: Tensor, points: Tensor) -> tuple[Tens
 
 
 def _look_up(attributes: Tensor, nearest: Tensor) -> Tensor:
-    """Return the attributes [n, S, S, attributes] of the point whose disc covers each pixel."""
+    """Return the attributes [n, S, S, A] of the nearest point of each pixel.
+
+    attributes  [n, N + 1, A]
+    nearest     int64 [n, S, S], as of `_Pixels.nearest`
+    """
     count, rows, _ = attributes.shape
     first = torch.arange(0, count * rows, rows, device=nearest.device)
-    index = (nearest & 0xFFFFFFFF) + first[:, None, None]
+    number = nearest & 0xFFFFFFFF  # the lower 32 bits
+    index = number + first[:, None, None]
     values = attributes.flatten(0, 1).index_select(0, index.flatten())
     return values.view(*nearest.shape, -1)

@@ -1,7 +1,11 @@
-"""splat-net as a method of the benchmark: surfels once per cloud, all views in groups."""
+"""splat-net as a method of the benchmark.
+
+A cloud is prepared once, as surfels; views are projected, and drawn by the network, in groups.
+"""
 
 from __future__ import annotations
 
+import math
 from collections.abc import Callable, Sequence
 
 import numpy as np
@@ -19,16 +23,16 @@ from data_prep.scene import IMAGE_SIZE, Images, PointCloud, View
 from learning.exact import exact_inference
 from learning.weights import NetworkWeights
 
-VIEWS_TOGETHER = 20
-_POINTS_TOGETHER = 2**19  # of all these views: a bound on memory for large clouds
-Projector = Callable[[Sequence[View]], Projection]
+VIEWS_TOGETHER = 20  # views of a cloud that are projected at a time, at most
+_POINTS_TOGETHER = 2**19  # points in all of these views, at most: it bounds the memory
+Projector = Callable[[Sequence[View]], Projection]  # what the network sees from some views
 
 
 class SplatNetRenderer:
-    """A `data_prep.scene.Renderer` by projection and network.
+    """A `data_prep.scene.Renderer` that projects the points and lets the network draw.
 
-    The order of the points does not matter: the same image, bit for bit. Results do not depend on
-    the other views of a call, or the number of threads, beyond the rounding of the precision.
+    The order of the points does not change an image by a bit. The other views of a call and the
+    number of threads change it by no more than rounding errors of the precision.
 
     Parameters
     ----------
@@ -57,7 +61,7 @@ class SplatNetRenderer:
         size: int = IMAGE_SIZE,
     ) -> None:
         if size < SMALLEST or size % SMALLEST:
-            raise ValueError(f"size {size}: expected a multiple of {SMALLEST}")
+            raise ValueError(f"size {size}: give a multiple of {SMALLEST} pixels")
         self.weights = weights
         self.device = torch.device(device)
         self.network = weights.network.to(self.device)
@@ -68,16 +72,19 @@ class SplatNetRenderer:
         self.engine: FoldedSplatNet | Points2PixEngine
         if isinstance(self.network, Points2Pix):
             if size != IMAGE_SIZE or precision != "float32":
-                raise ValueError(f"points2pix draws {IMAGE_SIZE} pixels in float32")
+                raise ValueError(
+                    f"size {size}, precision {precision}: points2pix draws only {IMAGE_SIZE} "
+                    "pixels in float32; leave both out"
+                )
             self.engine = Points2PixEngine(self.network)
         else:
             self.engine = FoldedSplatNet(self.network, precision, size)
 
     @exact_inference()
     def prepare(self, cloud: PointCloud, rng: np.random.Generator | None = None) -> Surfels:
-        """Return all points with neighbours and normals.
+        """Return the points of a cloud as surfels, with the normals of their neighbourhoods.
 
-        A single point, or points that all coincide, are drawn like any others.
+        Single points, and points that all coincide, are allowed.
 
         Parameters
         ----------
@@ -104,7 +111,7 @@ class SplatNetRenderer:
             raise StageFailure("input", f"{bad} of {len(cloud)} points are not finite")
         workers = torch.get_num_threads()
         surfels = stack([find_surfels(cloud.points, workers, surfaces=self.inputs.surfaces)])
-        return Surfels(*(value.to(self.device) for value in vars(surfels).values()))
+        return Surfels(**{name: value.to(self.device) for name, value in vars(surfels).items()})
 
     def draw(
         self, state: Surfels, views: Sequence[View], rng: np.random.Generator | None = None
@@ -136,16 +143,24 @@ class SplatNetRenderer:
     def coverage(
         self, state: Surfels, views: Sequence[View], size: int | None = None
     ) -> NDArray[np.float32]:
-        """Return the share of each pixel that the network takes for covered, [V, size, size]."""
+        """Return the predicted coverage of each pixel, float32 [V, size, size] in 0..1.
+
+        size  of the images in pixels; None for that of the renderer
+        """
         splats = self.at_size(size or self.size)
         most = views_at_once(len(state))
         return splats.projected_coverage(splats._projector(state), views, most)
 
     def _projector(self, state: Surfels) -> Projector:
-        return lambda some: Projection(state, cameras(some).to(self.device), self.inputs, self.size)
+        """Return the function that projects surfels into some views."""
+
+        def project(some: Sequence[View]) -> Projection:
+            return Projection(state, cameras(some).to(self.device), self.inputs, self.size)
+
+        return project
 
     def at_size(self, size: int) -> SplatNetRenderer:
-        """Return the renderer of images of a size by the same network."""
+        """Return a renderer of the same network for images of another size, made once a size."""
         if size not in self._at_sizes:
             self._at_sizes[size] = SplatNetRenderer(
                 self.weights, device=str(self.device), precision=self.precision, size=size
@@ -153,7 +168,10 @@ class SplatNetRenderer:
         return self._at_sizes[size]
 
     def draw_projected(self, project: Projector, views: Sequence[View], most: int) -> Images:
-        """Return images of what `project` gives for at most `most` of the views at a time."""
+        """Return images of views, float32 [V, size, size, 3].
+
+        project  is called with at most `most` of the views at a time
+        """
         images = np.empty((len(views), self.size, self.size, 3), np.float32)
         return self._filled(images, self.engine, project, views, most)
 
@@ -173,21 +191,24 @@ class SplatNetRenderer:
         views: Sequence[View],
         most: int,
     ) -> NDArray[np.float32]:
-        """Fill images [V, size, size, C] with what an engine gives, and return them."""
+        """Fill images [V, size, size, C] with what the engine draws, and return them.
+
+        Raises StageFailure("draw", ...) where the engine gives NaN or infinity.
+        """
         for start in range(0, len(views), most):
             seen = project(views[start : start + most])
             some, count = images[start : start + most], len(seen.points)
-            groups = -(-count // GROUP)
-            for k in range(groups):
+            groups = math.ceil(count / GROUP)
+            for k in range(groups):  # of nearly the same size
                 group = slice(k * count // groups, (k + 1) * count // groups)
                 channels = seen.channels(group, self.engine.dtype)
                 drawn = engine(channels, seen.points[group])
-                if not drawn.sum().isfinite():  # of values in 0..1
-                    raise StageFailure("draw", "the image is not finite")
+                if not drawn.sum().isfinite():  # a sum of values in 0..1 cannot overflow
+                    raise StageFailure("draw", "the network gives an image that is not finite")
                 some[group] = drawn.cpu().numpy()
         return images
 
 
 def views_at_once(points: int) -> int:
-    """Return how many views of a cloud of so many points are projected together."""
+    """Return how many views of a cloud with so many points are projected at a time."""
     return max(1, min(VIEWS_TOGETHER, _POINTS_TOGETHER // points))

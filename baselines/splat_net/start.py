@@ -1,9 +1,10 @@
-"""Initial weights of a training: the colour and the grey file as one network.
+"""The weights that a training starts from, where it starts from trained ones.
 
-A training exports its network twice, each for one image; the trained network has the heads of both.
-A network with one colour for the image starts from any, and learns the colour anew where the file
-has none; the bundled `chair` has colours alone, and the grey is learned anew. Inputs that the new
-network lacks are cut out of the first layer; new inputs are not used yet.
+A training with a colour for each pixel exports two files, one with the head "colour" and one with
+"grey"; they are put together again here, because training needs both heads. What the files lack is
+learned anew: the grey for the bundled `chair`, which has colours alone, or the albedo, for a
+network with one colour for the image. Input channels that the new network does not have are cut out
+of the first layer. Those that only the new network has begin with weights of 0.
 """
 
 from __future__ import annotations
@@ -22,9 +23,9 @@ from data_prep.failures import BadInput
 from learning import training_loop
 from learning.weights import FILES, NetworkWeights
 
-GREY = "-grey"  # stands at the end of the name of the file with that head
-HEAD = ("last.weight", "last.bias")
-_GREY_ROWS = [0, 4]  # of both heads: alpha, and grey after the three planes in colour
+GREY = "-grey"  # end of the name, before the suffix, of the file with the head "grey"
+HEAD = ("last.weight", "last.bias")  # tensors with a row for each plane: alpha, and the heads'
+_GREY_ROWS = [0, 4]  # rows of alpha and grey; between them are the three of "colour"
 
 
 @dataclass(frozen=True, eq=False)
@@ -36,15 +37,15 @@ class Start:
 
 
 def read_start(name_or_path: str, config: NetworkConfig, seed: int = 0) -> Start:
-    """Return `config`'s network with the weights of a bundled name or a file, and of its grey.
+    """Return a network of `config` with trained weights.
 
-    Beside a file with a colour for each pixel stands the one with the grey head.
+    name_or_path  a bundled name, or the path "FILE.safetensors"; for a file with a colour for each
+                  pixel "FILE-grey.safetensors" is read, too
+    config        of the network; it must have the widths of the trained one
+    seed          of the random weights of what the files lack
 
-    name_or_path  a bundled name, or "FILE.safetensors" for it and "FILE-grey.safetensors"
-    seed          of what `config` has and the files have not
-
-    Raises BadInput as `learning.weights.WeightFiles.find` and `read_file`; where the two are not of
-    one training; and where the network is of other widths than `config`.
+    Raises BadInput as `learning.weights.WeightFiles.find` and `read_file` do; where the two files
+    are not of one training; and where the trained network has other widths or another body.
     """
     files = FILES[PACKAGE]
     colour = read_file(files.find(name_or_path))
@@ -52,12 +53,13 @@ def read_start(name_or_path: str, config: NetworkConfig, seed: int = 0) -> Start
         state, sha256 = colour.network.state_dict(), colour.sha256
         if "colour" in config.heads:
             raise BadInput(
-                f"--start {name_or_path}: has one colour for the image; leave --colours out"
+                f"--start {name_or_path}: these weights have one colour for the whole image; leave "
+                "--colours out"
             )
     elif name_or_path in files.bundled:
         state, sha256 = colour.network.state_dict(), colour.sha256
-        if "colour" not in config.heads:  # what is left is alpha
-            state |= {key: state[key][:1] for key in HEAD}
+        if "colour" not in config.heads:
+            state |= {key: state[key][:1] for key in HEAD}  # the first row is alpha
     else:
         grey = read_file(files.find(grey_beside(Path(name_or_path))))
         state, sha256 = _both(name_or_path, colour, grey), f"{colour.sha256} {grey.sha256}"
@@ -66,13 +68,13 @@ def read_start(name_or_path: str, config: NetworkConfig, seed: int = 0) -> Start
     read = colour.network.config
     if (read.body, config.body) != ("splat-net", "splat-net"):
         raise BadInput(
-            f"--start {name_or_path}: is of {read.body}, asked for {config.body}; only splat-net "
-            "can start from weights, those of splat-net"
+            f"--start {name_or_path}: these are weights of {read.body}, to train {config.body}; "
+            "only splat-net can start from weights, and only from those of splat-net"
         )
     if read.widths != config.widths:
         raise BadInput(
-            f"--start {name_or_path}: is of widths {read.widths}, asked for {config.widths}; give "
-            "weights of these widths"
+            f"--start {name_or_path}: these weights have the widths {read.widths}, and the network "
+            f"to train {config.widths}; give weights of these widths"
         )
     state["first.conv.weight"] = _arranged(state["first.conv.weight"], read.inputs, config.inputs)
     network = training_loop.seeded(seed, lambda: SplatNet(config))
@@ -81,40 +83,47 @@ def read_start(name_or_path: str, config: NetworkConfig, seed: int = 0) -> Start
 
 
 def _both(name_or_path: str, colour: NetworkWeights, grey: NetworkWeights) -> dict[str, Tensor]:
-    """Return the state with both heads. Raises BadInput where they are not of one training."""
+    """Return the state of a network with both heads.
+
+    Raises BadInput where the two files are not of one training.
+    """
     if (colour.network.config.heads, grey.network.config.heads) != (("colour",), ("grey",)):
         raise _not_one_training(name_or_path, "the heads are not colour and grey")
     state = colour.network.state_dict()
     for key, other in grey.network.state_dict().items():
-        colour_part, grey_part = state[key], other
-        if key in HEAD:  # alpha comes before the materials
-            state[key], colour_part, grey_part = (
-                torch.cat([colour_part, other[1:]]),
-                colour_part[:1],
-                other[:1],
-            )
-        if not torch.equal(colour_part, grey_part):
+        own = state[key]
+        if key in HEAD:
+            # Row 0 is alpha, which both files have; the rows after it are those of the heads.
+            state[key] = torch.cat([own, other[1:]])
+            own, other = own[:1], other[:1]
+        if not torch.equal(own, other):
             raise _not_one_training(name_or_path, f"{key} differs")
     return dict(state)
 
 
 def _fill(network: SplatNet, state: Mapping[str, Tensor]) -> None:
-    """Put weights into a network; the last planes, and heads, that they lack stay as they are."""
+    """Put the weights of `state` into a network; those that it lacks stay as they are.
+
+    Tensors of `state` may have fewer rows than those of the network, for fewer planes.
+    """
     for key, target in network.state_dict().items():  # the tensors themselves, no copies
         if key in state:
             known = state[key]
-            target[tuple(slice(length) for length in known.shape)] = known
+            known_part = tuple(slice(length) for length in known.shape)
+            target[known_part] = known
 
 
 def grey_beside(path: Path) -> Path:
-    """Return the file with the grey head that goes with the one in colour."""
+    """Return the path of the file with the head "grey" that belongs to one with "colour"."""
     return path.with_name(f"{path.stem}{GREY}{path.suffix}")
 
 
 def _arranged(kernel: Tensor, old: Inputs, new: Inputs) -> Tensor:
-    """Return the first kernel [out, channels of `old`, ...] for the channels of `new`.
+    """Return the kernel of the first layer, [out, channels of `new`, ...], for other inputs.
 
-    Weights of channels that are new are 0: they are not used yet.
+    kernel  [out, channels of `old`, ...]
+
+    Channels are matched by name. The weights of those that `old` has not are 0.
     """
     places = {name: place for place, name in enumerate(old.names)}
     arranged = kernel.new_zeros(kernel.shape[0], new.channels, *kernel.shape[2:])
@@ -127,6 +136,5 @@ def _arranged(kernel: Tensor, old: Inputs, new: Inputs) -> Tensor:
 def _not_one_training(name_or_path: str, why: str) -> BadInput:
     return BadInput(
         f"--start {name_or_path}: is not of one training with {grey_beside(Path(name_or_path))}: "
-        f"{why}; "
-        "give the file in colour of a training, the one in grey beside it"
+        f"{why}; give the file in colour of a training, with its file in grey in the same folder"
     )

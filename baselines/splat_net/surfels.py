@@ -1,6 +1,7 @@
-"""Surfels of a cloud, independent of the camera: normals, density, and where the surface is flat.
+"""Surfels of a cloud: its points with the normals and flatness of the surface around them.
 
-There are several scales, by hops (`baselines.neighbourhoods`).
+They do not depend on the camera. Normals and flatness are given at several scales, by the hops of
+`baselines.neighbourhoods`.
 """
 
 from __future__ import annotations
@@ -14,23 +15,25 @@ from torch import Tensor
 
 from baselines.neighbourhoods import fit_planes
 
-HOPS = (1, 2, 4)
-FLATTENED = (1, 2)  # the scales that points are flattened by
-_LARGEST = float(np.finfo(np.float32).max)
+HOPS = (1, 2, 4)  # hops of the neighbourhoods at the three scales
+FLATTENED = (1, 2)  # scales, as indices into HOPS, onto whose planes points are also moved
+_LARGEST = float(np.finfo(np.float32).max)  # bound of coordinates, so that they stay finite
 
 
 @dataclass(frozen=True, eq=False)
 class Surfels:
-    """The surfels of one cloud, or of several (leading dimensions ...), in unit-sphere coordinates.
+    """The surfels of one cloud, or of several, which are then along leading dimensions `...`.
 
-    Tensors are float32.
+    Tensors are float32, in unit-sphere coordinates.
 
     points     [..., N, 3]
-    flattened  [..., N, 2, 3]: the points moved onto the planes of their neighbourhoods, by scale
-               of FLATTENED
-    normals    [..., N, 3, 3]: unit vectors of either sign, by scale of HOPS
-    variation  [..., N, 3]: surface variation, by scale: the smallest of the three eigenvalues of
-               the covariance over their sum (Pauly, Gross and Kobbelt 2002), 0..1/3
+    flattened  [..., N, 2, 3]: the points moved onto the planes of their neighbourhoods, at the two
+               scales of FLATTENED
+    normals    [..., N, 3, 3]: at the three scales, unit vectors of either sign
+    variation  [..., N, 3]: at the three scales, the surface variation (`neighbourhoods.Planes`),
+               from 0 for a plane to 1/3
+
+    Surfels that were made without surfaces have no scale: sizes of 0 in place of 2 and 3.
     """
 
     points: Tensor
@@ -45,33 +48,53 @@ class Surfels:
 def find_surfels(
     points: NDArray[np.float32], workers: int = 1, *, surfaces: bool = True
 ) -> Surfels:
-    """Return the surfels of a cloud [N, 3] of finite points, N > 0: sorted, and each place once.
+    """Return the surfels of a cloud, sorted by coordinates and without points that coincide.
 
-    Their order says nothing, nor does a point that is listed twice. `workers` threads search for
-    neighbours. Of a single place any vector is as good a normal as another: the result is finite,
-    and variation 0. Without `surfaces` there are the points alone, of no scale: the search costs
-    many times as much as they do.
+    So neither the order of the points nor repeated ones change the result.
+
+    points    [N, 3], finite, N > 0
+    workers   threads that search for neighbours
+    surfaces  whether normals, flatness and flattened points are needed. Without them the result has
+              the points alone, which takes a small part of the time
+
+    Where all points of a neighbourhood coincide, its normal is an arbitrary unit vector, and the
+    variation is 0.
     """
     place = np.unique(points, axis=0).astype(np.float64)
     if not surfaces:
-        none = torch.empty((len(place), 0, 3))
-        return Surfels(torch.from_numpy(place.astype(np.float32)), none, none, none[..., 0])
+        no_scale = torch.empty((len(place), 0, 3))
+        return Surfels(
+            points=torch.from_numpy(place.astype(np.float32)),
+            flattened=no_scale,
+            normals=no_scale,
+            variation=no_scale[..., 0],
+        )
     normals, variation, flattened = [], [], []
     for scale, planes in enumerate(fit_planes(place, HOPS, workers)):
         normals.append(planes.normals)
         variation.append(planes.variation)
         if scale in FLATTENED:
             flattened.append(planes.flattened.clip(-_LARGEST, _LARGEST))
-    stacked = (np.stack(scales, axis=1) for scales in (flattened, normals, variation))
-    return Surfels(*(torch.from_numpy(part.astype(np.float32)) for part in (place, *stacked)))
+    return Surfels(
+        points=torch.from_numpy(place.astype(np.float32)),
+        flattened=torch.from_numpy(np.stack(flattened, axis=1).astype(np.float32)),
+        normals=torch.from_numpy(np.stack(normals, axis=1).astype(np.float32)),
+        variation=torch.from_numpy(np.stack(variation, axis=1).astype(np.float32)),
+    )
 
 
 def stack(surfels: list[Surfels]) -> Surfels:
-    """Return clouds as one with a leading dimension; the last place of shorter ones repeats."""
-    most = max(len(s) for s in surfels)
+    """Return several clouds as one `Surfels`, with a leading dimension for the clouds.
+
+    The last surfel of a cloud with fewer than the largest is repeated.
+    """
+    most = max(len(cloud) for cloud in surfels)
 
     def together(name: str) -> Tensor:
-        parts = [vars(s)[name] for s in surfels]
-        return torch.stack([part[torch.arange(most).clamp(max=len(part) - 1)] for part in parts])
+        filled = []
+        for cloud in surfels:
+            rows = torch.arange(most).clamp(max=len(cloud) - 1)
+            filled.append(vars(cloud)[name][rows])
+        return torch.stack(filled)
 
-    return Surfels(*(together(field.name) for field in fields(Surfels)))
+    return Surfels(**{field.name: together(field.name) for field in fields(Surfels)})

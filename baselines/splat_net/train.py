@@ -1,13 +1,13 @@
-"""Training of the network: degraded clouds are projected and drawn, and compared with true images.
+"""Training of splat-net: it draws degraded clouds, and the images are compared with true ones.
 
-Each step takes a few clouds and several views of each: finding neighbours costs as much as drawing
-an image, and the views of a cloud share them. The learning rate is constant, then falls to nothing
-over the last `cool_down` steps. Projection stays in float32 whatever the precision.
+Each step takes several views of each of a few clouds, because finding the neighbours of a cloud's
+points takes as long as drawing an image, and has to be done only once for all views. The learning
+rate is constant, and falls to 0 over the last `cool_down` steps. Points are projected in float32,
+whatever the precision of the network.
 """
 
 from __future__ import annotations
 
-import dataclasses
 import functools
 from concurrent.futures import ThreadPoolExecutor
 from typing import Any
@@ -34,7 +34,7 @@ from baselines.splat_net.losses import (
 from baselines.splat_net.network import COLOUR_HEADS, composite
 from baselines.splat_net.points2pix import Network, build
 from baselines.splat_net.projection import Projection, cameras
-from baselines.splat_net.surfels import find_surfels, stack
+from baselines.splat_net.surfels import Surfels, find_surfels, stack
 from data_prep.datasets.training_set import SurfaceSet
 from data_prep.failures import BadInput
 from data_prep.scene import View
@@ -42,16 +42,17 @@ from learning import training_loop
 from learning.clouds import MAX_NOISE, degrade
 from learning.trainer import CooledTrainer, take_statistics
 
-Seen = tuple[Tensor, Tensor]  # channels [B, C, S, S], and points [B, 3, N] as the camera sees them
-SHEET_CLOUDS = 8
+# The input of the network: channels [B, C, S, S], and points [B, 3, N] in the camera's frame.
+Seen = tuple[Tensor, Tensor]
+SHEET_CLOUDS = 8  # objects on a sheet of progress, at most
 
 
 class SplatNetTrainer(CooledTrainer):
-    """The trainer of splat-net, on a `SurfaceSet`; fused-net's draws its batches from other clouds.
+    """The trainer of splat-net, on a `SurfaceSet`.
 
-    start     a network of `config.network` whose weights training starts from, where
-              `config.start` names them
-    features  maps that the objective compares, where it compares some
+    start     a network of `config.network` with the weights that training starts from; None for
+              random ones
+    features  makes the deep features of images that some objectives compare
 
     Raises BadInput where objects have fewer than VIEWS_TOGETHER views.
     """
@@ -73,12 +74,13 @@ class SplatNetTrainer(CooledTrainer):
         views = data.seen.azimuth_deg.shape[1]
         if views < VIEWS_TOGETHER:
             raise BadInput(
-                f"{views} views of an object: at least {VIEWS_TOGETHER} are drawn together; render "
-                "more"
+                f"the training images have {views} views of an object, and a step needs at least "
+                f"{VIEWS_TOGETHER}; render more"
             )
         self.features = features
         self.objective = OBJECTIVES[config.objective]
-        # Then the image in colour teaches the colour alone, and the grey one everything else.
+        # With one colour for the whole image, the image in colour teaches the network only this
+        # colour, and the grey image teaches it everything else.
         self.one_colour = config.network.heads == COLOUR_HEADS["image"]
         self.clouds = torch.from_numpy(data.seen.clouds)
         network, judge = training_loop.seeded(
@@ -96,14 +98,14 @@ class SplatNetTrainer(CooledTrainer):
         )
         self.searchers = ThreadPoolExecutor(torch.get_num_threads())
         count = min(SHEET_CLOUDS, len(self.clouds))
-        self.shown = torch.arange(count) * len(self.clouds) // count  # objects of the sheets
+        self.shown = torch.arange(count) * len(self.clouds) // count  # objects on the sheets
 
     def surfaces(self) -> SurfaceSet:
-        """Return the images of what is learned from."""
+        """Return the set of images and clouds that is learned from."""
         return self.learned
 
     def take_step(self) -> dict[str, Tensor]:
-        """Take a step of the network and of its judge, and return the terms of the loss."""
+        """Take a step of the network and of its judge; return the terms of the loss by name."""
         self.network.train()
         self.judge.train()
         if self.config.steps - int(self.steps_done) <= self.config.cool_down:
@@ -126,7 +128,7 @@ class SplatNetTrainer(CooledTrainer):
             total = total + TILT_WEIGHT * terms["tilt"]
         if self.objective.features:
             assert self.features is not None, "the objective compares features"
-            # One view of each cloud: features of all would take longer than the network itself.
+            # Of one view of each cloud: the features of all would take longer than the network.
             some = slice(None, None, VIEWS_TOGETHER)
             with self.autocast():
                 terms["features"] = feature_error(grey[some], truth.grey[some], self.features)
@@ -143,13 +145,18 @@ class SplatNetTrainer(CooledTrainer):
 
     def _images(self, output: Tensor) -> tuple[Tensor, Tensor]:
         """Return the images in colour [B, 3, S, S] and in grey [B, 1, S, S] of an output."""
-        first, second = composite(output, self.config.network.heads)[1]
-        return (second, first) if self.one_colour else (first, second)
+        _, images = composite(output, self.config.network.heads)
+        if self.one_colour:
+            grey, colour = images
+        else:
+            colour, grey = images
+        return colour, grey
 
     def _judge(self, drawn: Tensor, real: Tensor) -> tuple[Tensor, Tensor]:
-        """Take a step of the judge; return its error, and how false [B] it finds drawn images.
+        """Take a step of the judge; return its error, and how false it finds drawn images, [B].
 
-        That is zero in the warm-up: a judge that has learned nothing would only disturb.
+        During the warm-up the latter is 0, because a judge that has not learned yet would only
+        mislead the network.
         """
         with self.autocast():
             judged = self.judge(torch.cat([real, drawn.detach()])).float()
@@ -164,9 +171,9 @@ class SplatNetTrainer(CooledTrainer):
         return error.detach(), patches
 
     def _draw_batch(self) -> tuple[Seen, Truth, Tensor]:
-        """Return the network's input, the truth, and the noise of the clouds [B], for B views.
+        """Return the network's input of B views, the true images, and the noise of clouds [B].
 
-        The noise is a standard deviation.
+        The noise is its standard deviation, in unit-sphere units.
         """
         count, views = self.data.seen.azimuth_deg.shape
         clouds = self.batch // VIEWS_TOGETHER
@@ -178,40 +185,40 @@ class SplatNetTrainer(CooledTrainer):
         if self.config.augment:
             points, clean = degrade(points, self.random)
             noise = (points - clean).std(dim=(1, 2))
-        scene = self._scene(points, objects, order[:, :VIEWS_TOGETHER], mirrored)
-        return *scene, noise.repeat_interleave(VIEWS_TOGETHER)
+        seen, truth = self._scene(points, objects, order[:, :VIEWS_TOGETHER], mirrored)
+        return seen, truth, noise.repeat_interleave(VIEWS_TOGETHER)
 
     @torch.no_grad()
     def _scene(
         self, points: Tensor, objects: Tensor, views: Tensor, mirrored: Tensor
     ) -> tuple[Seen, Truth]:
-        """Return the network's input of objects [K] from views [K, M], and the truth.
+        """Return the network's input of K objects from M views each, and the true images.
 
-        A mirrored shape seen from the opposite azimuth gives the mirrored image, for the light
-        is at the camera.
+        points    [K, N, 3]
+        objects   [K]: the rows of the training set that the clouds are of
+        views     [K, M]: the numbers of the views
+        mirrored  bool [K]: which objects are mirrored left to right. A mirrored shape seen from the
+                  opposite azimuth gives the mirrored image, because the light is at the camera
         """
         sign = torch.where(mirrored, -1.0, 1.0)
-        points = points * torch.stack([sign, *torch.ones(2, len(sign))], dim=1)[:, None]
-        rows, columns = objects[:, None].expand_as(views).flatten().numpy(), views.flatten().numpy()
+        ones = torch.ones_like(sign)
+        points = points * torch.stack([sign, ones, ones], dim=1)[:, None]
+        rows = objects[:, None].expand_as(views).flatten().numpy()
+        columns = views.flatten().numpy()
         seen = self.data.seen
         signs = sign.repeat_interleave(views.shape[1])
+        azimuths = seen.azimuth_deg[rows, columns] * signs.numpy()
+        elevations = seen.elevation_deg[rows, columns]
         looks = [
             View(float(azimuth), float(elevation))
-            for azimuth, elevation in zip(
-                seen.azimuth_deg[rows, columns] * signs.numpy(),
-                seen.elevation_deg[rows, columns],
-                strict=True,
-            )
+            for azimuth, elevation in zip(azimuths, elevations, strict=True)
         ]
         search = functools.partial(find_surfels, surfaces=self.config.network.inputs.surfaces)
         surfels = stack(list(self.searchers.map(search, points.numpy())))
-        together = dataclasses.replace(
-            surfels,
-            **{
-                name: value.repeat_interleave(views.shape[1], dim=0).to(self.device)
-                for name, value in vars(surfels).items()
-            },
-        )
+        repeated = {}  # the surfels of an object, once for each of its views
+        for name, value in vars(surfels).items():
+            repeated[name] = value.repeat_interleave(views.shape[1], dim=0).to(self.device)
+        together = Surfels(**repeated)
         at = cameras(looks).to(self.device)
         flip = (signs < 0).to(self.device)[:, None, None, None]
         maps = self._maps(rows, columns, flip)
@@ -222,27 +229,36 @@ class SplatNetTrainer(CooledTrainer):
             taken = taken.unsqueeze(1) if taken.dim() == 3 else taken.permute(0, 3, 1, 2)
             return torch.where(flip, taken.flip(3), taken)
 
-        truth = Truth(scaled(seen.images), scaled(self.data.grey), scaled(self.data.coverage))
+        truth = Truth(
+            colour=scaled(seen.images),
+            grey=scaled(self.data.grey),
+            coverage=scaled(self.data.coverage),
+        )
         return (projection.whole(), projection.points), truth
 
     def _maps(
         self, objects: NDArray[np.int64], views: NDArray[np.int64], mirrored: Tensor
     ) -> Tensor | None:
-        """Return None: a subclass has maps of meshes of B objects from views, some mirrored."""
+        """Return None, as there are no meshes; the trainer of fused-net returns their maps.
+
+        objects   [B]
+        views     [B]: a view of each
+        mirrored  bool [B, 1, 1, 1]
+        """
         del objects, views, mirrored
         return None
 
     @torch.no_grad()
     def sheet(self) -> NDArray[np.uint8]:
-        """Return columns of objects: the truth, and the averaged network's images of 2,048 points.
+        """Return an image of progress, uint8 [H, W, 3], with a column for each of some objects.
 
-        The three rows are the truth, the image in colour and the image in grey; the points are
-        without noise.
+        The rows are the true image, and the averaged network's images in colour and in grey. Clouds
+        are whole and without noise.
         """
         objects, count = self.shown, len(self.shown)
         views = (torch.arange(count) % self.data.seen.azimuth_deg.shape[1])[:, None]
-        nowhere = torch.zeros(count, dtype=torch.bool)
-        shown, truth = self._scene(self.clouds[objects], objects, views, nowhere)
+        none_mirrored = torch.zeros(count, dtype=torch.bool)
+        shown, truth = self._scene(self.clouds[objects], objects, views, none_mirrored)
         output = self.average(*shown)
         colour, grey = self._images(output)
         rows = torch.stack([truth.colour, colour, grey.expand_as(colour)])  # [3, K, 3, S, S]

@@ -110,6 +110,9 @@ def test_channels_of_points_are_those_without_meshes(cloud):
     both = Projection(surfels, cameras(VIEWS), inputs, maps=maps).whole()
     assert torch.equal(both[:, :-10], Projection(surfels, cameras(VIEWS), plain).whole())
     assert torch.equal(both[:, -10:], maps)
-    for given, of in ((maps, plain), (None, inputs)):
-        with pytest.raises(ValueError, match="give their maps"):
+    for given, of, problem in (
+        (maps, plain, "the inputs have no meshes; leave maps= out"),
+        (None, inputs, "their maps are missing; give them as maps="),
+    ):
+        with pytest.raises(ValueError, match=problem):
             Projection(surfels, cameras(VIEWS), of, maps=given)

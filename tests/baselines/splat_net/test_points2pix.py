@@ -82,7 +82,7 @@ def test_points_are_seen_about_the_middle_of_the_object(network):
 
 @pytest.mark.parametrize("wrong", [{"size": 256}, {"precision": "bfloat16"}])
 def test_other_sizes_and_precisions_are_refused(wrong):
-    with pytest.raises(ValueError, match="points2pix draws 128 pixels in float32"):
+    with pytest.raises(ValueError, match="points2pix draws only 128 pixels in float32"):
         SplatNetRenderer(NetworkWeights(build(GREY_ALONE), {}, ""), **wrong)
 
 

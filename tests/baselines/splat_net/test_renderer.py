@@ -76,7 +76,7 @@ def test_few_views_of_large_clouds_are_seen_at_once(renderer, cloud):
 
 @pytest.mark.parametrize("size", [0, -16, 8, 100])
 def test_sizes_that_are_refused(size):
-    with pytest.raises(ValueError, match=f"size {size}: expected a multiple of 16"):
+    with pytest.raises(ValueError, match=f"size {size}: give a multiple of 16 pixels"):
         build(size=size)
 
 
@@ -84,7 +84,7 @@ def test_images_that_are_not_finite_fail_by_name(cloud):
     renderer = build()
     state = renderer.prepare(cloud)
     renderer.engine.for_many.last.bias[0] = torch.nan
-    with pytest.raises(StageFailure, match="the image is not finite") as failure:
+    with pytest.raises(StageFailure, match="gives an image that is not finite") as failure:
         renderer.draw(state, VIEWS)
     assert failure.value.stage == "draw"
 

@@ -132,10 +132,10 @@ def test_files_of_two_trainings_are_refused(files, key) -> None:
 def test_what_training_cannot_start_from(files) -> None:
     grey = files.with_name("weights-grey.safetensors")
     for name, network, message in (
-        ("chair", POINTS2PIX, "--start chair: is of splat-net, asked for points2pix"),
-        (files, DEFAULT, r"widths \(4, 6.*asked for \(16, 32.*give weights of these widths"),
+        ("chair", POINTS2PIX, "--start chair: these are weights of splat-net, to train points2pix"),
+        (files, DEFAULT, r"widths \(4, 6.*to train \(16, 32.*give weights of these widths"),
         (grey, SMALL, r"weights-grey-grey\.safetensors' is neither"),
-        ("all", SMALL, "has one colour for the image; leave --colours out"),
+        ("all", SMALL, "have one colour for the whole image; leave --colours out"),
     ):
         with pytest.raises(BadInput, match=message):
             read_start(str(name), network)

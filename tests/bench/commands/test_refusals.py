@@ -298,9 +298,9 @@ CASES: dict[str, str] = {
     "train splat-net --objective l2": "objective: unknown 'l2'; choose one of l1, l1-patch",
     "train fused-net --meshes poisson": "--meshes: meshes of poisson; choose from denoised-wrap, ",
     "train fused-net --start nosuch": "weights: 'nosuch' is neither a bundled name",
-    "train splat-net --start chair --network points2pix": "--start chair: is of splat-net, asked f",
+    "train splat-net --start chair --network points2pix": "--start chair: these are weights of sp",
     "train splat-net --batch 7": "batch 7: 2 views of a cloud are drawn together; use a multiple o",
-    "train splat-net --views 1": "1 views of an object: at least 2 are drawn together; render more",
+    "train splat-net --views 1": "the training images have 1 views of an object, and a step needs at ",
     **{
         f"train gan --for='{text}'": f"--for {text}: give a time over 0 with its unit, as in 90s"
         for text in ("", "2", "m", "0s", "0.0h", "-2m", "2 m", "2min", "1e3s", "nan", "٢m", "2m30s")
