@@ -43,7 +43,7 @@ Split = Callable[[Floats, NDArray[np.int32], float], Any]  # (vertices, faces) o
 
 
 class Degenerate(Exception):
-    """A drawn shape that is flat, folded or inside out: not to be trained on."""
+    """The error for a random shape that is flat, folded or inside out, and is not trained on."""
 
 
 def draw_widened(shapes: ShapeClass, rng: np.random.Generator) -> tuple[Mesh, int]:
@@ -106,9 +106,9 @@ def exchanged_chair(rng: np.random.Generator) -> list[Part]:
 
 
 def _without_some(parts: Sequence[Part], rng: np.random.Generator) -> list[Part]:
-    """Return the parts without one to three small ones, but never without all.
+    """Return the parts with one to three small ones left out, but at least one part.
 
-    Small are parts of less than _LARGEST_PART of the surface.
+    A part is small if its area is less than the share _LARGEST_PART of that of all parts.
     """
     areas = np.array([_area(part) for part in parts])
     small = np.flatnonzero(areas < _LARGEST_PART * areas.sum())
@@ -133,7 +133,10 @@ def thickened(parts: Sequence[Part], factor: float) -> list[Part]:
 
 
 def _recoloured(parts: Sequence[Part], rng: np.random.Generator) -> list[Part]:
-    """Return each colour as it is, of another material, or any; equal colours stay equal."""
+    """Return the parts in new colours, where parts of equal colours stay equal.
+
+    A colour stays as it is, or becomes one of another material, or any colour.
+    """
     new = {color: _recolour(color, rng) for color in dict.fromkeys(part.color for part in parts)}
     return [replace(part, color=new[part.color]) for part in parts]
 
@@ -153,9 +156,9 @@ def _any(rng: np.random.Generator) -> Color:
 
 
 def painted(mesh: Mesh, rng: np.random.Generator) -> Mesh:
-    """Return the mesh as it is, in one colour of any, or in neutral grey.
+    """Return the mesh as it is, or in one random colour, or in neutral grey.
 
-    Grey is the colour of files without colours.
+    Meshes of files without colours are neutral grey.
     """
     match pick(rng, _PAINTS):
         case "one colour":
@@ -168,10 +171,11 @@ def painted(mesh: Mesh, rng: np.random.Generator) -> Mesh:
 def deformed(
     parts: Sequence[Part], deformation: Deformation, split: Split = subdivide_to_size
 ) -> list[Part]:
-    """Return all parts deformed together, in faces small enough to bend.
+    """Return all parts moved by the same deformation, with faces small enough to bend.
 
-    `split` divides vertices and faces until no edge is longer than a length. Raises Degenerate as
-    `draw_widened` says.
+    split  divides the faces of a mesh until no edge is longer than a given length
+
+    Raises Degenerate where the result is flat or folded, as `draw_widened` says.
     """
     every = np.concatenate([part.vertices for part in parts])
     low, high = every.min(axis=0), every.max(axis=0)

@@ -213,11 +213,12 @@ VESSEL: _Palette = {
 
 
 def shade(rng: np.random.Generator, material: str | Sequence[Color]) -> Color:
-    """Return one of the colours of a material, varied.
+    """Return one of the colours of a material, changed a little at random.
 
     The material is a key of MATERIALS, or the colours themselves.
 
-    Up to 10 % lighter or darker, each channel by up to 6 more; within 12..LIGHTEST.
+    The colour becomes up to 10 % lighter or darker, and then each channel changes by up to 6. All
+    channels stay within 12..LIGHTEST.
     """
     choices = MATERIALS[material] if isinstance(material, str) else material
     base = np.array(choices[int(rng.integers(len(choices)))], dtype=np.float64)
@@ -227,12 +228,15 @@ def shade(rng: np.random.Generator, material: str | Sequence[Color]) -> Color:
 
 
 def shades(rng: np.random.Generator, palette: _Palette, *names: str) -> list[Color]:
-    """Return a colour of each of these entries of a palette, varied."""
+    """Return a colour of each named entry of a palette, changed a little as by `shade`."""
     return [shade(rng, palette[name]) for name in names]
 
 
 def shade_of(
     rng: np.random.Generator, weights: Mapping[str, float], palette: _Palette = MATERIALS
 ) -> Color:
-    """Return a colour of one of the entries of a palette, as often as its weight says, varied."""
+    """Return a colour of an entry of a palette, chosen by weight, changed a little as by `shade`.
+
+    weights  probabilities of the entries, up to a factor
+    """
     return shade(rng, palette[pick(rng, weights)])

@@ -36,9 +36,10 @@ _EXTREME_COLOURS = {"kept": 0.68, "light": 0.16, "dark": 0.16}
 
 
 class _FastDeformation(Deformation):
-    """A deformation whose free form is a product of matrices, some ten times as fast.
+    """A deformation that computes its free form as a product of matrices, ten times as fast.
 
-    Its last digits are others, and the shapes of `draw_widened` keep theirs.
+    The result differs in the last digits, so `draw_widened`, whose shapes must not change, does not
+    use it.
     """
 
     def _free_form(self, points: Floats) -> Floats:

@@ -55,7 +55,10 @@ class Field:
     z: float
 
     def split(self, columns: Sequence[float], rows: Sequence[float]) -> list[Field]:
-        """Return the fields of a grid, of relative sizes, by columns and upwards."""
+        """Return the fields of a grid, column by column, and each column from below.
+
+        columns, rows  relative widths of the columns, and relative heights of the rows
+        """
         xs = self.x_low + (self.x_high - self.x_low) * _steps(columns)
         ys = self.y_low + (self.y_high - self.y_low) * _steps(rows)
         return [
@@ -86,18 +89,18 @@ def draw_finish(rng: np.random.Generator, body: Color, size: tuple[float, float,
 
 
 def carcass(centre: ArrayLike, size: tuple[float, float, float], color: Color) -> Part:
-    """Return a closed box with its edges broken, as boards have them."""
+    """Return a closed box whose edges are bevelled by 6 mm."""
     return slab(rectangle(1, 1), centre, size, color, bevel=0.006)
 
 
 def darker(color: Color, factor: float) -> Color:
-    """Return the colour times a factor, not below what a material may have (12)."""
+    """Return a colour times a factor; no channel falls below 12, the least of any material."""
     red, green, blue = (max(12, round(factor * value)) for value in color)
     return red, green, blue
 
 
 def doors(finish: Finish, field: Field, count: int) -> list[Part]:
-    """Return doors side by side; of two neighbours the handles are next to each other."""
+    """Return doors side by side, which open in pairs: their handles are next to each other."""
     parts = [_seam(finish, field)]
     for k, place in enumerate(field.split([1] * count, [1])):
         hinge_left = k % 2 == 0 and count > 1

@@ -55,7 +55,7 @@ def deck_line(car: Car, drop: float) -> list[tuple[float, float]]:
 
 
 def running_gear(car: Car) -> list[Part]:
-    """Return four wheels, and the dark floor that holds them and shows in the wheel arches."""
+    """Return four wheels, and the dark floor between them, which is seen in the wheel arches."""
     front, rear = car.axles
     start, end = front - car.arch - 0.06, rear + car.arch + 0.06
     low, high = car.clearance + 0.03, car.arch_top + 0.02

@@ -177,7 +177,11 @@ def _spine(spec: ChairSpec, layout: Layout) -> Part:
 
 
 def arm_parts(spec: ChairSpec, layout: Layout) -> list[Part]:
-    """Return both arms, joined to the back and propped on the seat; a pedestal's stand free."""
+    """Return both arms.
+
+    They are joined to the back and propped on the seat; those of a pedestal chair stand on the seat
+    alone.
+    """
     if not spec.arms:
         return []
     if spec.family == "pedestal":

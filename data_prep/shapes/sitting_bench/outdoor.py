@@ -196,7 +196,10 @@ def picnic(rng: np.random.Generator) -> list[Part]:
 
 
 def _across(low: float, high: float, count: int, gap: float) -> list[tuple[float, float]]:
-    """Return (middle, width) of `count` bars between two places; gaps are that share of a bar."""
+    """Return middle and width of each of `count` bars that fill the way between two places.
+
+    The gap between two bars is a given share of a bar's width.
+    """
     pitch = (high - low) / (count - gap)
     return [(low + (k + 0.5 * (1 - gap)) * pitch, (1 - gap) * pitch) for k in range(count)]
 
