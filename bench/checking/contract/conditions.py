@@ -4,8 +4,6 @@ from __future__ import annotations
 
 import pickle
 import random
-from collections.abc import Mapping
-from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
@@ -64,11 +62,6 @@ def check_identity(name: str) -> Passed:
 def use(name: str, number: int) -> NDArray[np.float32]:
     """Return the points of a perturbed cloud."""
     return _perturbed(name, chair(number % OBJECTS)).points
-
-
-def facts(name: str) -> Mapping[str, Any]:
-    """Return what is the same in each process."""
-    return {"frozen dataclass of its parameters, by its repr,": _condition(name).key}
 
 
 def _perturbed_chairs(name: str) -> list[PointCloud]:

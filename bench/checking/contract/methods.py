@@ -5,7 +5,7 @@ from __future__ import annotations
 import resource
 import sys
 import time
-from collections.abc import Mapping, Sequence
+from collections.abc import Sequence
 from functools import cache, partial
 from typing import Any
 
@@ -90,11 +90,6 @@ def _images(name: str, cloud: PointCloud, views: Sequence[View] = VIEWS) -> UInt
 def use(name: str, number: int) -> UInt8Images:
     """Return the images of a cloud from three views."""
     return _images(name, chair(number))
-
-
-def facts(name: str) -> Mapping[str, Any]:
-    """Return what is the same in each process."""
-    return {"identity": _method(name).identity()}
 
 
 def check_identity(name: str) -> Passed:

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from functools import cache, partial
+from functools import cache
 
 import numpy as np
 from numpy.typing import NDArray
@@ -135,11 +135,10 @@ def check_features(name: str) -> Passed:
     return Passed(f"{features.shape[1]} features that depend on the image")
 
 
-_step = partial(CheckStep, in_command=True)  # `bench score` calls a metric in its own process
 _OF_BOTH = (
-    _step("images", check_images),
-    _step("white images", _check_white),
-    _step("batches", check_batches),
+    CheckStep("images", check_images),
+    CheckStep("white images", _check_white),
+    CheckStep("batches", check_batches),
 )
-OF_IMAGES = (*_OF_BOTH, _step("identical images", check_scores))
-OF_SETS = (*_OF_BOTH, _step("features", check_features))
+OF_IMAGES = (*_OF_BOTH, CheckStep("identical images", check_scores))
+OF_SETS = (*_OF_BOTH, CheckStep("features", check_features))

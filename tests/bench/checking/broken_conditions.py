@@ -53,17 +53,9 @@ CHANGES = {
     "python's numbers": lambda points: points + np.float32(random.random()),
     "own numbers": lambda points: points + np.float32(np.random.default_rng().normal()),
     "remembers": lambda points: points + np.float32(next(_COUNT)),
-    "hash order": lambda points: points + np.float32(hash("a string") % 7),
     "exits": lambda points: sys.exit(0),
     "leaves": lambda points: os._exit(0),
 }
-
-
-class Unnamed(Moved):
-    """A change whose `repr` is another in each process."""
-
-    def __repr__(self):
-        return object.__repr__(self)
 
 
 OWN = "take all randomness from `rng`"
@@ -80,7 +72,6 @@ ODD = {
     "python's numbers": ("clouds", f"uses global random numbers; {OWN}", True),
     "own numbers": ("repeatable", f"; {OWN}", True),
     "remembers": ("repeatable", "other points the second time", True),
-    "hash order": ("another process", "other points in another process", True),
     "few": ("other clouds", "one point: gives 0 points, expected 1 to 100,000; return at", False),
     "raises": ("clouds", "no room", True),
     "exits": ("clouds", "SystemExit", True),
@@ -93,7 +84,6 @@ PLUGINS = {
         name.upper().replace("-", "_"): Condition(f"a-{name}", Moved(fault), "made up")
         for fault, name in NAMES.items()
     },
-    "UNNAMED": Condition("unnamed", Unnamed(), "made up"),
     "NO_CHANGE": Condition("no-change", None, "made up"),
     "NO_VERSION": Condition("no-version", Moved(), "made up", version="2"),
     "NO_TEXT": Condition("no-text", Moved(), "made up", identity=lambda: 3),
@@ -103,7 +93,6 @@ globals().update(PLUGINS)
 
 FAULTS = {
     **{NAMES[fault].upper().replace("-", "_"): told for fault, told in ODD.items()},
-    "UNNAMED": ("another process", "not the same frozen dataclass of its parameters", True),
     "NO_CHANGE": ("identity", "NoneType has no function apply", True),
     "NO_VERSION": ("identity", "version is '2', expected a whole number", True),
     "NO_TEXT": ("identity", "identity() gives a int, expected a str", True),

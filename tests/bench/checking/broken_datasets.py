@@ -27,8 +27,6 @@ class Odd(ProceduralObject):
 
     @property
     def object_id(self):
-        if self.fault == "hash-order":
-            return f"{super().object_id}-{hash('a string')}"
         return "same" if self.fault == "ids" else super().object_id
 
     def fingerprint(self):
@@ -78,11 +76,6 @@ def _read(fault, spec, folder):
     return Dataset(spec, ("chair",), objects)
 
 
-def _print(spec, folder):
-    print("reading", folder)
-    return _read("", spec, folder)
-
-
 def _refuse(spec, folder):
     raise BadInput(f"{folder}/list.csv: no such list; make one")
 
@@ -97,12 +90,11 @@ def _empty(spec, folder):
 
 ODD = (
     *("ids", "fingerprints", "one-fingerprint", "clouds", "scale", "no-points", "few-views"),
-    *("white", "float-truth", "both", "hash-order", "shrinks", "local"),
+    *("white", "float-truth", "both", "shrinks", "local"),
 )
 READERS = {
     "GOOD": partial(_read, ""),
     **{fault.upper().replace("-", "_"): partial(_read, fault) for fault in ODD},
-    "PRINTS_WHERE_READ": _print,
     "REFUSES": _refuse,
     "A_LIST": _list,
     "EMPTY": _empty,
@@ -121,8 +113,6 @@ FAULTS = {
     "WHITE": ("truth", "white images; the object is not seen", True),
     "FLOAT_TRUTH": ("truth", "float64 [2, 128, 128, 3], expected uint8", True),
     "BOTH": ("cloud and truth", "cloud_and_truth gives other images", True),
-    "PRINTS_WHERE_READ": ("stdout", "commands print their results there", True),
-    "HASH_ORDER": ("another process", "not the same objects in the same order in", True),
     "SHRINKS": ("identity", "4 objects, and 3 or others when it is opened again", True),
     "LOCAL": ("pickling", "local object", True),
     "REFUSES": ("identity", "list.csv: no such list; make one", True),

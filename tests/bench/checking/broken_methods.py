@@ -155,17 +155,6 @@ class IgnoresCloud(Plain):
         return super().draw(0.5, views, rng)
 
 
-class RemembersTheFirst(Plain):
-    """Takes the shade of the first cloud for all."""
-
-    first = None
-
-    def prepare(self, cloud, rng):
-        state = super().prepare(cloud, rng)
-        self.first = self.first or state
-        return self.first
-
-
 class RemembersTheBrightest(Plain):
     """Keeps something of the clouds before."""
 
@@ -174,17 +163,6 @@ class RemembersTheBrightest(Plain):
     def prepare(self, cloud, rng):
         self.most = max(self.most, super().prepare(cloud, rng))
         return self.most
-
-
-class Leaks(Plain):
-    """Keeps `mib` of memory of each cloud."""
-
-    def __init__(self, mib):
-        self.mib, self.kept = mib, []
-
-    def prepare(self, cloud, rng):
-        self.kept.append(np.ones(self.mib * 2**17))
-        return super().prepare(cloud, rng)
 
 
 class RaisesAnything(Plain):
@@ -205,15 +183,6 @@ class HangsAtNaN(Plain):
     def prepare(self, cloud, rng):
         while not np.isfinite(cloud.points).all():
             time.sleep(60)
-        return super().prepare(cloud, rng)
-
-
-# --- traces ---------------------------------------------------------------------------------------
-
-
-class Prints(Plain):
-    def prepare(self, cloud, rng):
-        print("points:", len(cloud))
         return super().prepare(cloud, rng)
 
 
@@ -279,14 +248,11 @@ PLUGINS = {
     "FLOAT64": method(Altered, lambda images: images.astype(np.float64)),
     "BLANK": method(Altered, np.ones_like),
     "UNSEEDED": method(Altered, _with_noise),
-    # The hash of a string is another in every process.
-    "HASH": method(Altered, lambda images: images * np.float32(1 - hash("a string") % 97 / 200)),
     "OTHER_VIEWS": method(
         Altered, lambda images: images * np.float32(0.9 if len(images) > 1 else 0.8)
     ),
     "IGNORES_CLOUD": method(IgnoresCloud),
     "SEES_NO_CLOUD": method(Plain, sees_cloud=False),
-    "LEAKS_20": method(Leaks, 20),
     "EXITS": method(Acts, partial(sys.exit, 0)),
     "LEAVES": method(Acts, partial(os._exit, 0)),
     "CRASHES": method(Acts, partial(_kill, signal.SIGSEGV), 1),
@@ -296,7 +262,6 @@ PLUGINS = {
     "NO_LIBRARY": method(Plain, load=_no_library),
     "LOADS_NONE": method(Plain, load=lambda device: None),
     "OTHER_IDENTITY": method(Plain, identity=lambda: str(next(_COUNT))),
-    "IDENTITY_OF_PROCESS": method(Plain, identity=lambda: str(os.getpid())),
     "IDENTITY_IS_NONE": method(Plain, identity=lambda: None),
     "VERSION_IS_TEXT": method(Plain, version="1.0"),
 }
@@ -314,20 +279,16 @@ FAULTS = {
     "ReadsSource": ("images", "cloud.source is read, which is None in a run", True),
     "UNSEEDED": ("repeatable", "take all randomness from `rng`", True),
     "UnseededBesideSeeded": ("batches", "take all randomness from `rng`", True),
-    "HASH": ("another process", "in another process, on two threads", True),
     "OTHER_VIEWS": ("batches", "an image may not depend on the other views", True),
     "ChangesState": ("batches", "draw may not change the state", True),
     "IgnoresViews": ("batches", "the same image from 20 views", True),
     "NoViews": ("no views", "ValueError: need at least one array to stack", False),
     "IGNORES_CLOUD": ("inputs", "the same images for every cloud; say so", True),
     "SEES_NO_CLOUD": ("inputs", "sees_cloud=False, but with a quarter of the points", True),
-    "RemembersTheFirst": ("another process", "in another order", True),
     "RemembersTheBrightest": ("calls", "other images after ", True),
-    "LEAKS_20": ("calls", "20 MiB more with every call", True),
     "RaisesAnything": ("three points", "KeyError: 'no triangle'; raise StageFailure", True),
     "DrawsNaN": ("a point at NaN", "values that are not finite", False),
     "HangsAtNaN": ("a point at NaN", "timeout: no result within", False),
-    "Prints": ("stdout", "'points: 2048'", False),
     "EXITS": ("images", "SystemExit(0)", True),
     "LEAVES": ("images", "crash: os._exit(0) was called", True),
     "CRASHES": ("one point", "crash: the worker died (SIGSEGV)", True),
@@ -336,10 +297,9 @@ FAULTS = {
     "NoDraw": ("import", "expected a Method", True),
     "NeedsAnArgument": ("loading", "missing 1 required positional argument: 'weights'", True),
     "LOADS_NOTHING": ("loading", "weights.bin: cut short; fetch them again", True),
-    "NO_LIBRARY": ("first use", "no licence; buy one", True),
+    "NO_LIBRARY": ("loading", "no licence; buy one", True),
     "LOADS_NONE": ("loading", "NoneType has no function prepare", True),
     "OTHER_IDENTITY": ("identity", "finished work would be lost", True),
-    "IDENTITY_OF_PROCESS": ("another process", "finished work would be lost", True),
     "IDENTITY_IS_NONE": ("identity", "identity() gives a NoneType, expected a str", True),
     "VERSION_IS_TEXT": ("identity", "version is '1.0', expected a whole number", True),
 }
@@ -349,7 +309,6 @@ MODULES = {
     "heavy": ("import pandas", "import", "loads pandas; import them where", False),
     "leaves": ("import os; os._exit(0)", "import", "os._exit(0) was called", True),
     "raises": ("1 / 0", "import", "ZeroDivisionError: division by zero", True),
-    "prints": ("print('hello')", "stdout", "commands print their results there", True),
 }
 MODULE = """
 {line}

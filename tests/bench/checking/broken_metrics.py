@@ -11,8 +11,6 @@ import numpy as np
 
 from bench.catalogue.plugins import ImageMetric, SetMetric
 
-_SEEN = []
-
 
 def difference(truth, drawn):
     """Mean absolute difference."""
@@ -28,12 +26,6 @@ def decibels(truth, drawn):
     """PSNR, which identical images have none of."""
     with np.errstate(divide="ignore"):
         return 20 * np.log10(255 / np.sqrt(difference(truth, drawn)))
-
-
-def _relative(truth, drawn):
-    """To the brightest images so far."""
-    _SEEN.append(drawn.mean())
-    return difference(truth, drawn) / max(_SEEN)
 
 
 def _darken(truth, drawn):
@@ -66,8 +58,6 @@ PLUGINS = {
     ),
     "OF_THE_OTHERS": image_metric(lambda t, d: difference(t, d) / len(d)),
     "EIGHT_AT_MOST": image_metric(lambda t, d: difference(t, d)[:8]),
-    "HASH_ORDER": image_metric(lambda t, d: difference(t, d) * (1 + hash("a string") % 97)),
-    "REMEMBERS": image_metric(_relative),
     "CHANGES_IMAGES": image_metric(_darken),
     "VERSION_IS_TEXT": image_metric(difference, version="1.0"),
     "NO_FEATURES": set_metric(lambda images: np.empty((len(images), 0))),
@@ -88,8 +78,6 @@ FAULTS = {
     "UNSEEDED": ("repeatable", "other values the second time", True),
     "OF_THE_OTHERS": ("batches", "another value alone than among others", True),
     "EIGHT_AT_MOST": ("batches", "gives the shape [8] for 20 images", True),
-    "HASH_ORDER": ("another process", "other values in another process", True),
-    "REMEMBERS": ("another process", "in another order", True),
     "CHANGES_IMAGES": ("images", "the images were changed; work on a copy", True),
     "VERSION_IS_TEXT": ("identity", "version is '1.0', expected a whole number", True),
     "NO_FEATURES": ("images", "gives the shape [3, 0] for 3 images, expected [3, d]", True),

@@ -13,13 +13,6 @@ import pytest
 from bench.catalogue.suites import Limits
 from bench.checking.contract.findings import Finding, is_blocked, summary
 from bench.checking.contract.plugin import plugin_findings
-from bench.checking.contract.session import (
-    CheckStep,
-    Passed,
-    Report,
-    captured_output,
-    output_finding,
-)
 from bench.checking.contract.targets import check_name
 from data_prep.failures import BadInput
 
@@ -48,39 +41,6 @@ def test_the_summary_tells_what_blocks_a_run(verdicts, line):
     assert is_blocked(findings(verdicts)) == ("F" in verdicts)
 
 
-@pytest.mark.parametrize(
-    ("printed", "in_command", "verdict", "text"),
-    [
-        (("", ""), True, "ok", "nothing is printed"),
-        (("", "1 bytes: 'a'"), False, "warn", "step 1: 1 bytes: 'a'"),
-        (
-            ("1 bytes: 'a'", "1 bytes: 'b'"),
-            True,
-            "FAIL",
-            "step 0: 1 bytes: 'a'; 2 steps in all; commands print their results there",
-        ),
-    ],
-)
-def test_what_is_printed_is_told_once(printed, in_command, verdict, text):
-    steps = [CheckStep(f"step {i}", lambda name: Passed(""), in_command) for i in range(2)]
-    reports = [
-        Report(step, Finding(True, "", ""), None, text)
-        for step, text in zip(steps, printed, strict=True)
-    ]
-    finding = output_finding(reports)
-    assert (finding.subject, finding.verdict, finding.text) == ("stdout", verdict, text)
-
-
-def test_output_of_all_code_is_captured(capfd):
-    with captured_output() as described:
-        os.write(1, b"from Python\n")
-        os.write(2, b"from a library\nand more")
-        subprocess.run([sys.executable, "-S", "-c", "print('from a process')"], check=True)
-    os.write(1, b"afterwards\n")
-    assert described == ["27 bytes: 'from Python'"]
-    assert capfd.readouterr() == ("afterwards\n", "")
-
-
 @pytest.mark.parametrize("name", ["splat", f"{MODULE}:Plain", "procedural:validation"])
 def test_known_names_are_not_loaded_by_the_command(name):
     check_name(name)
@@ -102,14 +62,13 @@ def bench(*arguments, cwd):
 
 def test_a_class_of_the_current_folder(tmp_path):
     """A class without an entry point is tested, and other files of the folder hide no module."""
-    (tmp_path / "mine.py").write_text(f"from {MODULE} import Prints as Mine\n")
+    (tmp_path / "mine.py").write_text(f"from {MODULE} import Plain as Mine\n")
     (tmp_path / "random.py").write_text("raise SystemExit('of the folder')\n")
     done = bench("test", "mine:Mine", cwd=tmp_path)
     *lines, last = done.stdout.splitlines()
     assert (done.returncode, done.stderr) == (0, "")
-    assert last == "0 block a run, 1 warning (stdout); next: bench add mine:Mine DIR"
-    (printed,) = (line for line in lines if not line.startswith("ok   "))
-    assert printed.startswith("warn stdout: first use: 26 bytes: 'points: 2048'; ")
+    assert last == "0 block a run, 0 warnings; next: bench add mine:Mine DIR"
+    assert [line for line in lines if not line.startswith("ok   ")] == []
 
 
 def test_a_machine_on_which_no_worker_begins_is_a_finding():
@@ -123,9 +82,9 @@ def test_the_time_of_a_whole_test_is_limited(tmp_path, monkeypatch):
     start = time.monotonic()
     texts = {
         finding.subject: finding.text
-        for finding in plugin_findings(f"{MODULE}:HANGS_WITHOUT_POINTS", Limits(60.0, 4.0), 8.0)
+        for finding in plugin_findings(f"{MODULE}:HANGS_WITHOUT_POINTS", Limits(60.0, 4.0), 20.0)
     }
-    assert time.monotonic() - start < 8.0
+    assert time.monotonic() - start < 20.0
     assert texts["calls"].startswith("8 others between change nothing")
     assert texts["not tested"].startswith("no points, one point, three points, ")
-    assert texts["not tested"].endswith("a point at infinity: 8 s are over")
+    assert texts["not tested"].endswith("a point at infinity: 20 s are over")
