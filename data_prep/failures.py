@@ -8,8 +8,10 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 
-_SIMILAR = 0.5  # of difflib's ratio: "chairs" is like "chair-robustness", "nosuch" like no method
-MOST_NAMED = 5  # of the names in a message
+# Least ratio of difflib at which a name is suggested: so "chairs" suggests "chair-robustness", and
+# "nosuch" suggests no method.
+_SIMILAR = 0.5
+MOST_NAMED = 5  # names that a message lists; it gives the number of the others
 
 
 class BadInput(ValueError):
@@ -51,9 +53,9 @@ class StageFailure(RuntimeError):
 def unknown(
     wanted: str, names: Sequence[str], kind: str, near: str = "", see: str = "bench list"
 ) -> BadInput:
-    """Return the refusal of a name that is none of `names`, of which it has the first.
+    """Return the refusal of a name that is not among `names`; it lists the first of these.
 
-    `near` is a suggestion, "" for the most similar of them; `see` is a command that prints all.
+    `near` is the name to suggest, "" for the most similar one; `see` is a command that lists all.
     """
     import difflib
 

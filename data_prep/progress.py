@@ -14,8 +14,8 @@ from typing import TYPE_CHECKING, Protocol
 if TYPE_CHECKING:  # a progress that is not live needs no rich
     from rich.progress import Progress
 
-PLAIN_EVERY_S = 15.0
-_STEPS_EVERY_S = 30.0
+PLAIN_EVERY_S = 15.0  # between lines of `progress` where there is no terminal
+_STEPS_EVERY_S = 30.0  # between lines of `step_progress` there: trainings take hours
 
 
 def log(line: str) -> None:

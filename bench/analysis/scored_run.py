@@ -47,7 +47,7 @@ from bench.records.run_folder import read_finished
 from bench.records.store import ScoredMetric
 from data_prep.arrays import Floats
 from data_prep.clouds.far_points import FAR_OFF
-from data_prep.datasets.dataset import listed
+from data_prep.datasets.dataset import first_names
 from data_prep.failures import BadInput
 from data_prep.files.checksums import file_sha256
 from data_prep.plugins import EXTRACTORS, announced, entry_point_names
@@ -234,7 +234,7 @@ class Run:
         names = sorted((far["class"] + "/" + far["object"]).unique())
         if not names:
             return []
-        return [f"{len(names)} objects are small in their images, {FAR_OFF}: {listed(names)}"]
+        return [f"{len(names)} objects are small in their images, {FAR_OFF}: {first_names(names)}"]
 
     @property
     def headline(self) -> list[str]:

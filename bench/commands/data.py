@@ -32,7 +32,7 @@ from bench.running.options import Options
 from bench.running.protocol import name_of
 from bench.tables.markdown import visible
 from data_prep.clouds.far_points import note_on_scale
-from data_prep.datasets.dataset import Dataset, listed
+from data_prep.datasets.dataset import Dataset, first_names
 from data_prep.datasets.exported import COLUMNS, METADATA, listed_files
 from data_prep.datasets.objects import SceneObject
 from data_prep.datasets.paper import READINGS, VIEWS, PaperObject, agreement, find_problems
@@ -215,8 +215,8 @@ def _without_images(dataset: Dataset) -> list[str]:
             if not is_regular_file(obj.renders / VIEWS):
                 blind.append(name_of(obj))
     return [
-        *([f"{len(gaps)} objects lack images: {listed(gaps)}"] if gaps else []),
-        *([f"{len(blind)} objects lack {VIEWS}: {listed(blind)}"] if blind else []),
+        *([f"{len(gaps)} objects lack images: {first_names(gaps)}"] if gaps else []),
+        *([f"{len(blind)} objects lack {VIEWS}: {first_names(blind)}"] if blind else []),
     ]
 
 

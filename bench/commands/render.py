@@ -53,9 +53,9 @@ from data_prep.scene import IMAGE_SIZE, View
 
 _SHEET_SCALE = 2
 CLOUD = "cloud"  # the label of the dots
-_FRAMES = 36
-_MOST_FRAMES = 120  # steps of 3 degrees; a sheet of ten methods takes 300 MB
-_MOST_PIXELS = 2**25  # of a turntable of another size: 100 MB, and ten times as many for a GIF
+_FRAMES = 36  # of a turntable: steps of 10 degrees
+_MOST_FRAMES = 120  # of a turntable: steps of 3 degrees; a sheet of ten methods takes 300 MB
+_MOST_PIXELS = 2**25  # of all images of a cloud: 100 MB, and ten times as much for a GIF
 
 
 def _option(value: Any, help: str, **parts: Any) -> Any:
@@ -186,45 +186,47 @@ class RenderOptions:
 def check(options: RenderOptions, out: Path) -> None:
     """Raise BadInput for options that are wrong whatever the file holds and the methods do."""
     is_turntable = moves(out)  # raises BadInput for the name of another kind of file
-    size, frames, points = options.size, options.frames, options.points
-    several = len(options.views) > 1
-    turned = max(1, frames or _FRAMES) if is_turntable else 1
-    shown = len(options.views) if several else turned
-    sheet, transparent = len(options.methods) > 1, options.background == "transparent"
-    for wrong, text in (
-        (
-            frames is not None and not is_turntable,
-            f"--frames {frames}: {out} is one image; give a turntable's name, "
-            f"{' or '.join(MOVING)}",
-        ),
-        (
-            frames is not None and not 1 <= frames <= _MOST_FRAMES,
-            f"--frames {frames}: must be 1 to {_MOST_FRAMES}",
-        ),
-        (
-            several and (frames not in (None, 1) or out.suffix.lower() in (".gif", ".apng")),
-            f"{out}: a turntable, which starts at one azimuth; of several angles give the name of "
-            "an image, or one azimuth and one elevation",
-        ),
-        (points is not None and points < 1, f"--points {points}: must be at least 1"),
-        (
-            size != IMAGE_SIZE and sheet,
-            f"--size {size}: a sheet of several methods has its own; give one method",
-        ),
-        (
-            shown * size**2 > _MOST_PIXELS,
-            f"--size {size}: at most {int((_MOST_PIXELS / shown) ** 0.5)} with {shown} images; "
-            "give less of either",
-        ),
-        (transparent and sheet, "--background transparent: a sheet is white; give one method"),
-    ):
-        if wrong:
-            raise BadInput(text)
+    size, views = options.size, len(options.views)
+    _check_frames(options, out, is_turntable)
+    if options.points is not None and options.points < 1:
+        raise BadInput(f"--points {options.points}: must be at least 1")
+    is_sheet = len(options.methods) > 1
+    if is_sheet and size != IMAGE_SIZE:
+        raise BadInput(f"--size {size}: a sheet of several methods has its own; give one method")
+    images = views
+    if views == 1 and is_turntable:
+        images = options.frames or _FRAMES
+    if images * size**2 > _MOST_PIXELS:
+        raise BadInput(
+            f"--size {size}: at most {int((_MOST_PIXELS / images) ** 0.5)} with {images} images; "
+            "give less of either"
+        )
+    transparent = options.background == "transparent"
+    if transparent and is_sheet:
+        raise BadInput("--background transparent: a sheet is white; give one method")
     if transparent:
         check_opacity(out)
-    for method in options.methods if options.colour == "file" else ():
-        check_draws_colours(method)
+    if options.colour == "file":
+        for method in options.methods:
+            check_draws_colours(method)
     upright(np.empty((0, 3)), options.up or "y", options.front)
+
+
+def _check_frames(options: RenderOptions, out: Path, is_turntable: bool) -> None:
+    """Raise BadInput for a number of frames that the file cannot have, or no turntable has."""
+    frames = options.frames
+    if frames is not None and not is_turntable:
+        raise BadInput(
+            f"--frames {frames}: {out} is one image; give a turntable's name, {' or '.join(MOVING)}"
+        )
+    if frames is not None and not 1 <= frames <= _MOST_FRAMES:
+        raise BadInput(f"--frames {frames}: must be 1 to {_MOST_FRAMES}")
+    always_turns = out.suffix.lower() in (".gif", ".apng")  # a .webp may be a still image
+    if len(options.views) > 1 and (frames not in (None, 1) or always_turns):
+        raise BadInput(
+            f"{out}: a turntable, which starts at one azimuth; of several angles give the name of "
+            "an image, or one azimuth and one elevation"
+        )
 
 
 def views_of(options: RenderOptions, out: Path) -> tuple[View, ...]:
@@ -282,25 +284,19 @@ def render(clouds: Sequence[Path], options: RenderOptions) -> _RenderResult:
 
     One method gives its images as they are. Several give a sheet: the points as dots, then a
     tile for each method, with the reason in it where there is no image. Of several angles each has
-    an image of its own. Raises BadInput for options
-    and names that cannot be used, before a worker is started, and for the file of a cloud alone;
-    of several clouds a file that cannot be used is among the failed.
+    an image of its own.
+
+    Raises BadInput for options and names that cannot be used, before a worker is started. It does
+    so for a file that is no cloud, too, where there is one file; of several it is among the failed.
     """
-    left_out: Notes = ()
     alone = len(clouds) == 1 and not clouds[0].is_dir()
-    if alone:
-        images = {clouds[0]: image_of_cloud(clouds[0], options.out, options.format)}
-    elif options.out is None:
-        kind = "a folder" if clouds[0].is_dir() else "one of several clouds"
-        raise BadInput(f"{clouds[0]}: {kind}; give a folder for the images, -o FOLDER")
-    else:
-        images, left_out = images_of_clouds(clouds, options.out, options.format)
+    images, left_out = _image_of_each(clouds, options)
     any_image = next(iter(images.values()))
     check(options, any_image)
     views = views_of(options, any_image)
     shots = {cloud: files_of_views(image, options.views) for cloud, image in images.items()}
-    for image in shots[clouds[0]] if options.out is None else ():
-        if image.exists():
+    for image in shots[clouds[0]] if alone else ():
+        if options.out is None and image.exists():
             raise BadInput(
                 f"{image}: exists already; -o {any_image} replaces it, -o NAME keeps both"
             )
@@ -309,7 +305,9 @@ def render(clouds: Sequence[Path], options: RenderOptions) -> _RenderResult:
         Drawing(method, views, options.device, size=size, background=background)
         for method in options.methods
     ]
-    wanted = [*([Dots(views)] if len(drawings) > 1 else []), *drawings]
+    wanted: list[Wanted] = list(drawings)
+    if len(drawings) > 1:  # a sheet, which begins with the points themselves
+        wanted.insert(0, Dots(views))
     files = {cloud: cloud_file(cloud, options) for cloud in images}
     failed: dict[Path, list[str]] = {}
     notes: dict[Path, Notes] = {}
@@ -335,20 +333,35 @@ def render(clouds: Sequence[Path], options: RenderOptions) -> _RenderResult:
     )
 
 
+def _image_of_each(
+    clouds: Sequence[Path], options: RenderOptions
+) -> tuple[Mapping[Path, Path], Notes]:
+    """Return the file of each cloud's image, and notes on files that are left out."""
+    first = clouds[0]
+    if len(clouds) == 1 and not first.is_dir():
+        return {first: image_of_cloud(first, options.out, options.format)}, ()
+    if options.out is None:
+        kind = "a folder" if first.is_dir() else "one of several clouds"
+        raise BadInput(f"{first}: {kind}; give a folder for the images, -o FOLDER")
+    return images_of_clouds(clouds, options.out, options.format)
+
+
 def with_remedy(failed: Failed, file: CloudFile) -> str:
     """Return the reason, and the remedy where points may be too many."""
     over_limit = failed.reason.startswith(("timeout: ", "memory: "))
-    remedy = "; --points 20000 would take less" if over_limit and not file.most else ""
-    return failed.reason + remedy
+    if over_limit and not file.most:
+        return f"{failed.reason}; --points 20000 would take less"
+    return failed.reason
 
 
 def _failures(file: CloudFile, drawn: Mapping[Wanted, Drawn], named: bool) -> list[str]:
     """Return a line for each method that failed, with the name of the file if `named`."""
-    return [
-        f"{file.path}: " * named + f"{drawing.method}: {with_remedy(images, file)}"
-        for drawing, images in drawn.items()
-        if isinstance(drawing, Drawing) and isinstance(images, Failed)
-    ]
+    lines = []
+    for request, images in drawn.items():
+        if isinstance(request, Drawing) and isinstance(images, Failed):
+            line = f"{request.method}: {with_remedy(images, file)}"
+            lines.append(f"{file.path}: {line}" if named else line)
+    return lines
 
 
 def _joined(notes: Mapping[Path, Notes]) -> Notes:

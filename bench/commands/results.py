@@ -28,7 +28,7 @@ from bench.running.options import file_name
 from bench.tables.grid import records
 from bench.tables.markdown import visible
 from bench.tables.terminal import terminal_width
-from data_prep.datasets.dataset import listed
+from data_prep.datasets.dataset import first_names
 from data_prep.failures import BadInput, CannotWrite
 
 _COMPARISONS = "comparisons"
@@ -208,5 +208,5 @@ def _not_decided(cells: pd.DataFrame, directories: Sequence[Path]) -> str:
     ]
     return (
         f"--fail-on: {len(left)} of {len(cells)} cells are not decided, as they have fewer than "
-        f"{intervals.FEWEST} objects with a value: {listed(named)}"
+        f"{intervals.FEWEST} objects with a value: {first_names(named)}"
     )

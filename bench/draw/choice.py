@@ -34,13 +34,16 @@ def check_draws_colours(method_id: str) -> None:
 
 def notes_on_size(methods: Sequence[str], size: int) -> Notes:
     """Return a line for each method whose images are resampled."""
-    drawn = ((name, find_method(name).drawn_at(size)) for name in methods)
-    return tuple(
-        f"{name} draws {side} x {side} pixels; resampled to {size} x {size} (Lanczos)"
-        + ", which adds no detail; surfaces and discs are drawn at any size" * (side < size)
-        for name, side in drawn
-        if side != size
-    )
+    notes = []
+    for name in methods:
+        side = find_method(name).drawn_at(size)
+        if side == size:
+            continue
+        note = f"{name} draws {side} x {side} pixels; resampled to {size} x {size} (Lanczos)"
+        if side < size:
+            note += ", which adds no detail; surfaces and discs are drawn at any size"
+        notes.append(note)
+    return tuple(notes)
 
 
 def methods_to_draw(
@@ -62,8 +65,8 @@ def methods_to_draw(
             f"budget {budget_ms:g}ms: the methods that it chooses from draw in grey; leave out "
             "the colour or the budget"
         )
-    for method_id in methods if in_colour else ():
-        if find_method(method_id).color == "none":
+    for method_id in methods:
+        if in_colour and find_method(method_id).color == "none":
             raise BadInput(
                 f"method '{method_id}' draws in grey; leave out the colour, or the method: then "
                 f"{RECOMMENDED_IN_COLOUR} draws"

@@ -45,13 +45,18 @@ _WHERE_COLOURS = (
     "a PLY has red, green and blue, a text six columns or r, g and b in its first line, an array "
     "[N, 6]; or draw without --colour file"
 )
-_FEWEST_HINTED, _MOST_HINTED = 256, 2048  # points
-# Chosen on 107 real meshes and 390 procedural shapes with y up. Clean, sparse (512 points) or with
-# noise of 5 or 10 % of the radius, at most 1 % get a false hint. Turned to z up, 27 % of the real
-# ones are recognised with the front at -y and 57 % with the front at x; with noise 3 to 17 %.
+_FEWEST_HINTED = 256  # points of a cloud that is looked at for its up axis: fewer tell too little
+_MOST_HINTED = 2048  # points that are looked at, of larger clouds a random subset: for speed
+# A cloud is symmetric along an axis where its points, mirrored, are on average at most 1.2 times as
+# far from the points as these are from each other; from 3 times on it is not. Chosen on 107 real
+# meshes and 390 procedural shapes with y up. Clean, sparse (512 points) or with noise of 5 or 10 %
+# of the radius, at most 1 % get a false hint. Turned to z up, 27 % of the real ones are recognised
+# with the front at -y and 57 % with the front at x; with noise 3 to 17 %.
 _SYMMETRIC, _ASYMMETRIC = 1.2, 3.0
-_LINE = 1e-3  # thickness by length
-_MOST_PIXELS = 2**24  # drawn together, in 200 MB
+_LINE = 1e-3  # thickness by length, below which points lie on a line
+_MOST_PIXELS = 2**24  # of the images that a method draws in one call: 200 MB as float32
+# For one cloud by one method, of a user who waits: the slowest method takes half a minute for
+# 100,000 points.
 LIMITS = Limits(time_s=120.0, memory_gib=4.0)
 Background = Literal["white", "transparent"]
 
@@ -110,38 +115,57 @@ class CloudFile:
     def load_all(self) -> LoadedCloud:
         """Return the cloud as `load` does, its colours where asked for, and notes on the file."""
         contents = read_cloud(self.path, self.with_colors)
-        notes = [*contents.notes]
-        valid = np.isfinite(contents.points).all(axis=1)
-        count = f"{np.count_nonzero(~valid)} of {len(contents.points)} points"
-        if not valid.all() and self.drop_invalid:
-            notes.append(f"{count} are left out, they are not finite")
-        elif not valid.all() and not self.as_is:
-            first, lines = int(np.flatnonzero(~valid)[0]), contents.lines
-            where = f"is point {first + 1}" if lines is None else f"in line {lines[first]}"
-            raise BadInput(
-                f"{self.path}: {count} are not finite (the first {where}); remove them, or leave "
-                "them out with --drop-invalid"
-            )
+        notes = [*contents.notes, *self._notes_on_invalid(contents)]
         if contents.is_mesh:
             contents = self._on_surface(contents, notes)
-            valid = np.isfinite(contents.points).all(axis=1)
         if self.with_colors and contents.colors is None:
             raise BadInput(f"{self.path}: no colours of its points; {_WHERE_COLOURS}")
         notes = [*_unused(contents, self.with_colors), *notes]
         points = upright(contents.points, self.up, self.front)
-        kept = np.flatnonzero(valid) if self.drop_invalid else np.arange(len(points))
+        kept = np.arange(len(points))
+        if self.drop_invalid:
+            kept = np.flatnonzero(np.isfinite(points).all(axis=1))
         far, of_far = far_with_notes(points[kept], self.drop_far, "--drop-far")
-        kept = kept[~far] if self.drop_far else kept
-        notes += of_far if self.drop_far or not self.as_is else ()
+        if self.drop_far or not self.as_is:
+            notes += of_far
+        if self.drop_far:
+            kept = kept[~far]
         if self.most is not None:
             kept = kept[random_rows(len(kept), self.most)]
         cloud = self._scaled(points[kept])
-        if (self.drop_far or not far.any()) and looks_like_a_line(cloud):
-            notes.append("its points lie on a line; check which columns are x, y and z")
-        if self.up_unknown and (self.path.suffix.lower() in _Z_UP or looks_lying(cloud)):
-            notes.append("its z axis seems to point up; give --up z, or --up y if it does not")
+        notes += self._notes_on_shape(cloud, has_far=far.any() and not self.drop_far)
         colors = None if contents.colors is None else contents.colors[kept]
         return LoadedCloud(cloud, colors, tuple(f"{self.path}: {note}" for note in notes))
+
+    def _notes_on_invalid(self, contents: CloudContents) -> Notes:
+        """Return a note on points that are not finite, where they are left out.
+
+        Raises BadInput where they are neither left out nor kept as they are.
+        """
+        valid = np.isfinite(contents.points).all(axis=1)
+        if valid.all():
+            return ()
+        count = f"{np.count_nonzero(~valid)} of {len(valid)} points"
+        if self.drop_invalid:
+            return (f"{count} are left out, they are not finite",)
+        if self.as_is:
+            return ()
+        first, lines = int(np.flatnonzero(~valid)[0]), contents.lines
+        where = f"is point {first + 1}" if lines is None else f"in line {lines[first]}"
+        raise BadInput(
+            f"{self.path}: {count} are not finite (the first {where}); remove them, or leave "
+            "them out with --drop-invalid"
+        )
+
+    def _notes_on_shape(self, cloud: PointCloud, has_far: bool) -> Iterator[str]:
+        """Yield a note where columns or axes seem to be taken for others.
+
+        Beside points that are far, `has_far`, all others are in one place and tell nothing.
+        """
+        if not has_far and looks_like_a_line(cloud):
+            yield "its points lie on a line; check which columns are x, y and z"
+        if self.up_unknown and (self.path.suffix.lower() in _Z_UP or looks_lying(cloud)):
+            yield "its z axis seems to point up; give --up z, or --up y if it does not"
 
     def _on_surface(self, contents: CloudContents, notes: list[str]) -> CloudContents:
         """Return points of the surface of a mesh in place of its vertices."""
@@ -178,17 +202,18 @@ class CloudFile:
 def far_with_notes(
     points: NDArray[np.float64], drop: bool, option: str
 ) -> tuple[NDArray[np.bool_], Notes]:
-    """Return which points [N] are far, with notes on them and on steps of the coordinates.
+    """Return which points [N] are far from the rest, and notes on these and on coarse coordinates.
 
-    `option` leaves the far points out, and `drop` says whether it was given.
+    drop    whether the caller leaves the far points out, which the note then says
+    option  what leaves them out, for the note where `drop` is False
     """
     far = far_points(points)
     notes = [note_on_steps(points[~far])]
     if far.any() and drop:
         count = f"{np.count_nonzero(far)} of {len(far)} points"
-        notes = [f"{count} are left out, they lie far from the rest", *notes]
+        notes.insert(0, f"{count} are left out, they lie far from the rest")
     elif far.any():
-        notes = [f"{note_on_far(points, far)}; {option} leaves them out", *notes]
+        notes.insert(0, f"{note_on_far(points, far)}; {option} leaves them out")
     return far, tuple(filter(None, notes))
 
 
@@ -229,7 +254,12 @@ def looks_lying(cloud: PointCloud) -> bool:
 
 @dataclass(frozen=True, eq=False)
 class LoadedCloud:
-    """The cloud of a file, the colours uint8 [N, 3] of its points or None, and notes."""
+    """What was read of a file.
+
+    cloud   the points
+    colors  their colours, uint8 [N, 3]; None where they are not asked for
+    notes   what was left out or guessed, a line each
+    """
 
     cloud: PointCloud
     colors: PointColors | None
@@ -238,13 +268,18 @@ class LoadedCloud:
 
 def _unused(contents: CloudContents, with_colors: bool) -> Iterator[str]:
     """Yield a note on each part of the contents that is not used."""
-    parts = [p for p in contents.unused if not with_colors or p.endswith("faces")]
-    for i, part in enumerate(parts):
-        remedy = i == 0 and contents.has_colors and not with_colors
-        more = "; '--method splat --colour file' draws its colours" if remedy else ""
-        if part.endswith("faces"):
-            more += "; they make no surface of most of these"
-        yield f"{part} are not used; only the coordinates of its points are{more}"
+    remedy = ""
+    if contents.has_colors and not with_colors:
+        remedy = "; '--method splat --colour file' draws its colours"
+    for part in contents.unused:
+        is_faces = part.endswith("faces")
+        if with_colors and not is_faces:
+            continue
+        note = f"{part} are not used; only the coordinates of its points are{remedy}"
+        if is_faces:
+            note += "; they make no surface of most of these"
+        yield note
+        remedy = ""  # said once a file
 
 
 @dataclass(frozen=True, eq=False)
@@ -445,7 +480,12 @@ class _Keeper:
 
 @dataclass(frozen=True, eq=False)
 class DrawnViews:
-    """Images of a cloud, uint8 [V, size, size, 3 or 4], the method's state of it, and its notes."""
+    """What a method has drawn of a cloud.
+
+    images  uint8 [V, size, size, 3 or 4]
+    state   what the method made of the cloud before it drew, such as a reconstruction
+    notes   what it did to the points, a line each
+    """
 
     images: NDArray[np.uint8]
     state: Any
@@ -453,7 +493,7 @@ class DrawnViews:
 
 
 def draw_views(renderer: Renderer, cloud: PointCloud, drawing: Drawing) -> DrawnViews:
-    """Return the images of a drawing by the renderer of its method; raise what that raises."""
+    """Return what the method's renderer draws of a cloud; raise whatever the method raises."""
     method, rng = find_method(drawing.method), drawing.rng or generator("render")
     side, keeper = method.drawn_at(drawing.size), _Keeper(renderer)
     batch = drawing.batch or max(1, _MOST_PIXELS // side**2)
@@ -466,8 +506,10 @@ def draw_views(renderer: Renderer, cloud: PointCloud, drawing: Drawing) -> Drawn
         notes += (f"{method.id}: tells no opacity; it is guessed from how dark a pixel is",)
         shares = guessed_coverage(drawn)
     else:
-        some = [drawing.views[i : i + batch] for i in range(0, len(drawing.views), batch)]
-        shares = np.concatenate([coverage(keeper.state, views, side) for views in some])
+        parts = []
+        for first in range(0, len(drawing.views), batch):
+            parts.append(coverage(keeper.state, drawing.views[first : first + batch], side))
+        shares = np.concatenate(parts)
     return DrawnViews(without_background(drawn, shares, drawing.size), keeper.state, notes)
 
 

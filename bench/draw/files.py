@@ -10,7 +10,7 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 from numpy.typing import NDArray
 
-from data_prep.datasets.dataset import listed
+from data_prep.datasets.dataset import first_names
 from data_prep.failures import BadInput
 from data_prep.files.atomic_write import write_whole
 from data_prep.files.clouds import CLOUD_SUFFIXES, check_cloud_name, clouds_below
@@ -19,19 +19,20 @@ from data_prep.scene import View
 if TYPE_CHECKING:
     from PIL.Image import Image
 
-_STILL = (".png", ".jpg", ".jpeg")
+_STILL = (".png", ".jpg", ".jpeg")  # suffixes of single images
 MOVING = (".gif", ".webp", ".apng")
 _FORMS = {".gif": "GIF", ".webp": "WEBP", ".jpg": "JPEG", ".jpeg": "JPEG"}  # others are PNG
-_TURN_MS = 3600  # about, of a turntable
-_LEAST_MS = 40  # 25 frames a second
-_GIF_MS = 10  # a GIF counts in hundredths of a second
+_TURN_MS = 3600  # about the time of a whole turn, in milliseconds: slow enough to look at
+_LEAST_MS = 40  # least time of a frame, in milliseconds: 25 frames a second
+_GIF_MS = 10  # milliseconds in which a GIF counts: times of frames are multiples of it
 _KMEANS_STEPS = 4  # turntable of one chair: 4.8 grey levels off (rms) in place of 5.4
 
 
 def image_of_cloud(cloud: Path, out: Path | None, form: str = "png") -> Path:
-    """Return the image of a cloud alone: `out`, or beside it, with its name, in a format.
+    """Return the file of the image of one cloud: `out`, or one beside the cloud with its name.
 
-    Raises BadInput for a file that cannot be one.
+    `form` is the suffix of the latter. Raises BadInput for a cloud that is not there or is none by
+    its name, and for an `out` that cannot be the file of an image.
     """
     # The cloud's name is checked before it becomes that of the image.
     _check_file(cloud)
@@ -44,7 +45,10 @@ def image_of_cloud(cloud: Path, out: Path | None, form: str = "png") -> Path:
 
 
 def files_of_views(image: Path, views: Sequence[View]) -> tuple[Path, ...]:
-    """Return the file of each view, its angles in the name, or of a turntable or the only view."""
+    """Return a file for each of several views, with its angles in the name; else the image itself.
+
+    A turntable has one view, from which it starts.
+    """
     if len(views) == 1:
         return (image,)
     angles = (f"az{view.azimuth_deg:.15g}-el{view.elevation_deg:.15g}" for view in views)
@@ -54,9 +58,10 @@ def files_of_views(image: Path, views: Sequence[View]) -> tuple[Path, ...]:
 def images_of_clouds(
     paths: Sequence[Path], folder: Path, form: str = "png"
 ) -> tuple[Mapping[Path, Path], tuple[str, ...]]:
-    """Return the image of each cloud, `folder` / its name, in a format, and notes on other files.
+    """Return the file of each cloud's image, in `folder` by its name, and notes on other files.
 
-    All clouds below a folder are taken, and keep their sub-folders. `folder` need not exist. Raises
+    `form` is the suffix of the images. Where a path is a folder, all clouds below it are drawn, and
+    their images keep its sub-folders. `folder`, that of the images, need not exist. Raises
     BadInput for a path without clouds, for clouds that would have the same image, and where
     `folder` cannot be the folder.
     """
@@ -74,11 +79,11 @@ def images_of_clouds(
             named, others = clouds_below(path)
             if not named:
                 kinds = ", ".join(CLOUD_SUFFIXES)
-                has = f" (it has {listed(others)})" if others else ""
+                has = f" (it has {first_names(others)})" if others else ""
                 raise BadInput(f"{path}: no clouds in this folder{has}; give one with {kinds}")
             if others:
                 notes.append(
-                    f"{path}: left out, no clouds by their names or contents: {listed(others)}"
+                    f"{path}: left out, no clouds by their names or contents: {first_names(others)}"
                 )
         else:
             _check_file(path)
@@ -107,7 +112,10 @@ def _check_parent(path: Path) -> None:
 
 
 def moves(path: Path) -> bool:
-    """Return whether a name is a turntable's, else an image's. Raises BadInput for any other."""
+    """Return whether a file of this name is a turntable; False for the name of a single image.
+
+    Raises BadInput for a name that ends in none of their suffixes.
+    """
     suffix = path.suffix.lower()
     if suffix not in (*_STILL, *MOVING):
         raise BadInput(
@@ -118,7 +126,7 @@ def moves(path: Path) -> bool:
 
 
 def check_opacity(path: Path) -> None:
-    """Raise BadInput for the name of a file, of those that `moves` lets pass, without opacity."""
+    """Raise BadInput for a GIF and a JPEG, which cannot keep the opacity of pixels."""
     if (form := _FORMS.get(path.suffix.lower())) in ("GIF", "JPEG"):
         raise BadInput(
             f"{path}: a {form} has no opacity of its pixels; give a name that "

@@ -18,15 +18,20 @@ from data_prep.scene import IMAGE_SIZE, UInt8Images
 if TYPE_CHECKING:
     from PIL.ImageFont import FreeTypeFont, ImageFont
 
-_BACKGROUND = 8 / 255  # less dark is background: networks draw it a little off white
-_UNSURE = 8 / 255  # of coverage: nearer to none or all of a pixel networks hardly ever come
-_EDGE_PX = 2  # the smoothed edges of networks; those of meshes take one
-MARGIN = 6
-LABEL_HEIGHT = 18
-_LABEL_PX = 13
-PROBLEM_PX, PROBLEM_HEIGHT = 11, 14  # a line's
+# Darkness, 0 to 1, below which a pixel is background: networks draw it a little off white.
+_BACKGROUND = 8 / 255
+# A coverage so near to 0 or 1 counts as 0 or 1, which networks hardly ever reach.
+_UNSURE = 8 / 255
+_EDGE_PX = 2  # width in pixels of the smoothed edges of networks; those of meshes have one
+# The parts of a sheet, in pixels.
+MARGIN = 6  # around and between tiles
+LABEL_HEIGHT = 18  # of the line above a tile
+_LABEL_PX = 13  # size of its letters
+PROBLEM_PX = 11  # size of the letters of a reason in place of an image
+PROBLEM_HEIGHT = 14  # from line to line of such a reason
+# Colours of a sheet: of labels, and of the letters and the ground of a reason.
 INK, PROBLEM_INK, PROBLEM_GROUND = (40, 40, 40), (150, 30, 30), (250, 243, 240)
-_MOST_A_ROW = 5
+_MOST_A_ROW = 5  # tiles: a sheet of bench render is then at most 1,316 pixels wide
 
 
 def resized(images: NDArray[np.uint8], size: int) -> NDArray[np.uint8]:
@@ -74,10 +79,11 @@ def _enlarged(share: NDArray[np.float32], size: int) -> NDArray[np.float32]:
 
 
 def guessed_coverage(images: UInt8Images) -> NDArray[np.float32]:
-    """Return the coverage of images on white [F, S, S, 3] as one can see it, [F, S, S] in 0..1.
+    """Return the coverage [F, S, S], 0 to 1, that images on white [F, S, S, 3] seem to have.
 
-    White is background. Within _EDGE_PX of it a pixel is as covered as it is dark, compared with
-    the object beside it; so thin and bright parts are taken for half transparent.
+    White is background. Within _EDGE_PX of the background a pixel counts as covered by the share
+    of its darkness in that of the object beside it. So thin and bright parts are taken for half
+    transparent.
     """
     return np.array([_guessed(image) for image in images], np.float32).reshape(images.shape[:3])
 
@@ -124,10 +130,11 @@ def draw_sheet(tiles: Sequence[Tile], columns: int, scale: int) -> UInt8Images:
     page = Image.new("RGB", (MARGIN + columns * wide, MARGIN + -(-len(tiles) // columns) * high))
     draw = ImageDraw.Draw(page)
     draw.rectangle((0, 0, *page.size), "white")
-    places = [
-        (MARGIN + i % columns * wide, MARGIN + i // columns * high) for i in range(len(tiles))
-    ]
-    for tile, (left, top) in zip(tiles, places, strict=True):
+    corners = []  # column and row of the upper left pixel of each tile
+    for i in range(len(tiles)):
+        row, column = divmod(i, columns)
+        corners.append((MARGIN + column * wide, MARGIN + row * high))
+    for tile, (left, top) in zip(tiles, corners, strict=True):
         draw.text((left, top), shortened(tile.label, _LABEL_PX, side), INK, _font(_LABEL_PX))
         if isinstance(tile.images, str):
             low = top + LABEL_HEIGHT
@@ -141,7 +148,7 @@ def draw_sheet(tiles: Sequence[Tile], columns: int, scale: int) -> UInt8Images:
     if len(counts) > 1:
         raise ValueError(f"tiles have {sorted(counts)} frames; give equally many")
     frames = np.repeat(np.asarray(page)[None], max(counts, default=1), axis=0)
-    for tile, (left, top) in zip(tiles, places, strict=True):
+    for tile, (left, top) in zip(tiles, corners, strict=True):
         if not isinstance(tile.images, str):
             low = top + LABEL_HEIGHT
             enlarged = tile.images.repeat(scale, axis=1).repeat(scale, axis=2)

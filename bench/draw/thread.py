@@ -1,7 +1,8 @@
-"""Draws of all threads of a process, one after the other: two at a time would end it.
+"""The one thread in which a process draws, whichever of its threads asks for it.
 
-They are done in a thread of their own. A process that is forked later starts another one, and so
-does not wait for threads of PyTorch that it lacks.
+Two draws at a time would end the process, so they are done one after the other. A process that is
+forked later starts a thread of its own: it would wait for ever for threads of PyTorch, which are
+not forked with it.
 """
 
 from __future__ import annotations
@@ -20,10 +21,10 @@ Result = TypeVar("Result")
 
 
 class _Drawer(threading.Thread):
-    """The thread.
+    """The thread, which does what it finds in its queue.
 
-    It is a daemon, for it may not end before the process: what Qt, which MeshLab uses, has made in
-    a thread is freed twice where that thread has ended.
+    It is a daemon, for it may not end before the process: MeshLab uses Qt, and what Qt has made in
+    a thread is freed twice if that thread ends first.
     """
 
     def __init__(self) -> None:
@@ -80,7 +81,12 @@ def _finish() -> None:
     """Let the thread do nothing more: what it draws with is about to be freed."""
     if _drawer is not None:
         idle = threading.Event()
-        _drawer.queue.put((Future(), lambda: idle.set() or threading.Event().wait()))
+
+        def wait_for_ever() -> None:
+            idle.set()
+            threading.Event().wait()
+
+        _drawer.queue.put((Future(), wait_for_ever))
         idle.wait()
 
 

@@ -7,9 +7,11 @@ from numpy.typing import NDArray
 
 from data_prep.clouds.sampling import random_rows
 
-LEAST_SHARE = 0.01  # of the size of the cloud: finer steps are not seen
-_MOST_SAMPLED = 4096  # points that are looked at; of more, a random subset
-FEWEST_POINTS, FEWEST_LEVELS = 64, 3  # the faces of a box have two
+LEAST_SHARE = 0.01  # of the size of the cloud, about a pixel of its image: finer steps are not seen
+_MOST_SAMPLED = 4096  # points that are looked at, of larger clouds a random subset: for speed
+FEWEST_POINTS = 64  # of a cloud that is looked at: a few points may lie in a grid by chance
+FEWEST_LEVELS = 3  # different values on an axis: the faces of a box, which is no fault, have two
+_WHOLE = 0.01  # of a step: so near a whole number of steps a gap counts as one
 
 
 def note_on_steps(points: NDArray[np.float64]) -> str | None:
@@ -32,17 +34,17 @@ def note_on_steps(points: NDArray[np.float64]) -> str | None:
     spacing = np.spacing(magnitude).astype(np.float64)
     steps = np.array([_step(axis) for axis in points.T])
     coarse = steps > LEAST_SHARE * size
+    is_power_of_two = np.frexp(steps.astype(np.float32))[0] == 0.5  # 1/2 times a power of two
     rounded = (single == points).all(axis=0) & (spacing > LEAST_SHARE * size)
     if rounded.any():
         axis = int(np.argmax(np.where(rounded, spacing, 0)))
-        step, why = max(spacing[axis], steps[axis]), f"float32 at {magnitude[axis]:.3g}"
+        step = max(spacing[axis], steps[axis])
+        why = f"float32 at {magnitude[axis]:.3g}"
         remedy = "shift them before they are saved, or save doubles"
-    elif coarse.sum() > 1 or (coarse & (np.frexp(steps.astype(np.float32))[0] == 0.5)).any():
-        step, why, remedy = (
-            steps.max(),
-            "voxels, few digits, or float32 before a shift",
-            "save more digits of a rounded one",
-        )
+    elif coarse.sum() > 1 or (coarse & is_power_of_two).any():
+        step = steps.max()
+        why = "voxels, few digits, or float32 before a shift"
+        remedy = "save them with more digits if they were rounded"
     else:
         return None
     return (
@@ -56,5 +58,7 @@ def _step(values: NDArray[np.float64]) -> float:
     gaps = np.diff(np.unique(values))
     if len(gaps) < FEWEST_LEVELS - 1:
         return 0.0
-    counts = gaps / gaps.min()
-    return float(gaps.min()) if (np.abs(counts - np.rint(counts)) < 0.01).all() else 0.0
+    in_steps = gaps / gaps.min()
+    if (np.abs(in_steps - np.rint(in_steps)) >= _WHOLE).any():
+        return 0.0
+    return float(gaps.min())

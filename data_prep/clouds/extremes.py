@@ -50,6 +50,10 @@ def extreme(name: str, *values: Any) -> Extreme:
     return Extreme(name, tuple(zip(parameters, values, strict=True)))
 
 
+def _equal(points: Points) -> NDArray[Any]:
+    return np.repeat(points[:1], len(points), axis=0)
+
+
 def _flattened(points: Points, axes: int) -> NDArray[Any]:
     return np.where(np.arange(3) < axes, points, np.float32(0.0))
 
@@ -67,16 +71,32 @@ def _first_point(points: Points, value: float) -> NDArray[Any]:
     return changed
 
 
+def _scaled(points: Points, factor: float) -> NDArray[Any]:
+    return points * np.float32(factor)
+
+
 def _shifted(points: Points, distance: float) -> NDArray[Any]:
     changed = points.copy()
     changed[:, 0] += np.float32(distance)
     return changed
 
 
+def _cast(points: Points, dtype: Any) -> NDArray[Any]:
+    return points.astype(dtype)
+
+
 def _strided(points: Points) -> NDArray[Any]:
     larger = np.full((len(points), 6), np.nan, np.float32, order="F")
     larger[:, ::2] = points
     return larger[:, ::2]
+
+
+def _repeated(points: Points, times: int) -> NDArray[Any]:
+    return np.repeat(points[::times], times, axis=0)
+
+
+def _half(points: Points) -> NDArray[Any]:
+    return points[points[:, 0] < 0]
 
 
 def _normalised(points: Points, factor: float, distance: float, whole: bool) -> NDArray[Any]:
@@ -87,7 +107,7 @@ def _normalised(points: Points, factor: float, distance: float, whole: bool) -> 
 # Changes of the points alone, without randomness.
 _OF_POINTS: Mapping[str, Callable[..., NDArray[Any]]] = {
     # the same number of points, all equal to the first
-    "Equal": lambda points: np.repeat(points[:1], len(points), axis=0),
+    "Equal": _equal,
     # the first `axes` coordinates are kept, the others become 0: 2 a plane, 1 a line
     "Flattened": _flattened,
     # the cloud shrunk to a tenth, half of its rows at -0.9, half at +0.9 on X
@@ -95,18 +115,18 @@ _OF_POINTS: Mapping[str, Callable[..., NDArray[Any]]] = {
     # the first coordinate of the first point becomes `value`: an outlier, NaN or infinity
     "FirstPoint": _first_point,
     # all coordinates times `factor`, in float32
-    "Scaled": lambda points, factor: points * np.float32(factor),
+    "Scaled": _scaled,
     # all points moved by `distance` along X; float32 rounds them to its grid out there
     "Shifted": _shifted,
     # the points handed over as another dtype; `PointCloud` casts them back to float32
-    "Cast": lambda points, dtype: points.astype(dtype),
+    "Cast": _cast,
     # the points handed over as every second column of a larger array in Fortran order
     "Strided": _strided,
     # every `times`-th row, `times` times in succession: so the original fills a network of 2,048
     # points (roatienza/pc2pix@23b7b46d, render_by_pc2pix.py)
-    "Repeated": lambda points, times: np.repeat(points[::times], times, axis=0),
+    "Repeated": _repeated,
     # the points with a negative X: half of the object is cut away
-    "Half": lambda points: points[points[:, 0] < 0],
+    "Half": _half,
     # times `factor`, moved by `distance`, rounded to integers if `whole`, normalised in float64
     "Normalised": _normalised,
 }
@@ -142,8 +162,20 @@ def _unit_box(cloud: PointCloud, rng: np.random.Generator) -> PointCloud:
     ring = [(0.5, -0.5), (0.5, 0.5), (-0.5, 0.5), (-0.5, -0.5)]
     vertices = [(x, y, z) for y in (-0.5, 0.5) for x, z in ring]
     faces = [
-        *[(5, 1, 0), (6, 2, 1), (7, 3, 2), (4, 0, 3), (4, 5, 0), (5, 6, 1), (6, 7, 2), (7, 4, 3)],
-        *[(0, 1, 2), (0, 2, 3), (6, 5, 4), (7, 6, 4)],
+        # the sides
+        (5, 1, 0),
+        (6, 2, 1),
+        (7, 3, 2),
+        (4, 0, 3),
+        (4, 5, 0),
+        (5, 6, 1),
+        (6, 7, 2),
+        (7, 4, 3),
+        # below and on top
+        (0, 1, 2),
+        (0, 2, 3),
+        (6, 5, 4),
+        (7, 6, 4),
     ]
     cube = Mesh(np.array(vertices), np.array(faces), np.full((len(faces), 3), NEUTRAL_GREY))
     return sample_surface(normalise(cube), rng, CLOUD_SIZE)

@@ -3,23 +3,49 @@
 from __future__ import annotations
 
 import math
+from typing import NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
 
-FEWEST_POINTS = 8
-FAR_OFF = "points or faces far from the rest set its scale"
-CELLS = 16  # of the grid, along the longest side of a cloud
-# The share of all points that a cell and those around it need to hold parts together; the share of
-# the whole size that the rest has at most where the others are far; and their share of all points.
-LEAST_SHARE = 0.6
-RULES = ((0.001, LEAST_SHARE, 1.0), (0.01, 0.25, 0.15))
-FEW = 64  # points; the second rule's shares hold for fewer, which have gaps everywhere
-_SPARSE = 4  # points, the least that the second rule asks of a cell and those around it
-# A part of its own has these shares of the points and the size of the largest part: it is large, or
-# it has many points that are not all in one place.
-# All parts together, one behind the other, have the last share of the whole.
-PART_POINTS, PART_SIZE, DENSE_POINTS, DENSE_SIZE = 0.01, 0.1, 0.05, 0.001
+FAR_OFF = "points or faces far from the rest set its scale"  # ends a note; reports look for it
+FEWEST_POINTS = 8  # of a cloud that is looked at, and of a large part: fewer show no shape
+CELLS = 16  # cells of the grid along the longest side of the cloud; a gap of two parts the cloud
+FEW = 64  # points: below that gaps are everywhere, and only the stricter rule holds
+
+
+class _Rule(NamedTuple):
+    """What has to be so for points to be far from the rest.
+
+    crowd       share of all points that a cell and its neighbours need to hold a part together
+    crowd_least the same as a number of points
+    rest_size   share of the whole radius that the rest has at most
+    far_share   share of all points that are far at most
+    """
+
+    crowd: float
+    crowd_least: int
+    rest_size: float
+    far_share: float
+
+
+# A rest of less than 60 % of the radius is visibly small in its image, however many are far.
+_SMALL_REST = 0.6
+_ANY_NUMBER = _Rule(crowd=0.001, crowd_least=1, rest_size=_SMALL_REST, far_share=1.0)
+# Few points that are not each alone: more of them are needed to hold a part together, but they have
+# to make the rest much smaller, as the sparse end of an object would not.
+_A_FEW = _Rule(crowd=0.01, crowd_least=4, rest_size=0.25, far_share=0.15)
+_RULES = (_ANY_NUMBER, _A_FEW)
+_RULES_OF_FEW = (_A_FEW._replace(crowd_least=1), _A_FEW)
+
+# Parts of the object besides the largest one: a part is kept if it is large, or dense.
+LARGE_SIZE = 0.1  # of the size of the largest part: a large part has at least this
+LARGE_POINTS = 0.01  # of the points of the largest part: a large part has at least these,
+POINTS_BY_SIZE = 0.1  # and this share of as many as the largest part has at its own size
+DENSE_POINTS = 0.05  # of the points of the largest part: a dense part has at least these,
+DENSE_SIZE = 0.001  # and this share of its size, so that they are not all in one place
+# All kept parts, put in a row, are at least this share of the diagonal of the whole: else they are
+# specks, too, as where a terrain has z = -9999 for "none".
 _LEAST_FILLED = 0.15
 
 
@@ -58,7 +84,7 @@ def note_on_scale(points: NDArray[np.floating]) -> str | None:
     """
     values = points[np.isfinite(points).all(axis=1)].astype(np.float64)
     rest = values[~far_points(values)]
-    if not len(rest) or (share := radius(rest)) >= LEAST_SHARE:
+    if not len(rest) or (share := radius(rest)) >= _SMALL_REST:
         return None
     return f"the object takes {100 * share:.2g} % of the image's width: {FAR_OFF}"
 
@@ -81,17 +107,16 @@ def _rest(points: NDArray[np.float64]) -> NDArray[np.bool_]:
     grid = np.zeros((CELLS,) * 3, int)
     grid.flat[used] = count
     around = convolve(grid, block, mode="constant")
-    rules = RULES if len(points) >= FEW else RULES[1:] * 2
-    for (crowd, most_size, most_points), fewest in zip(rules, (1, _SPARSE), strict=True):
-        crowded = (grid > 0) & (around >= max(fewest, crowd * len(points)))
+    for rule in _RULES if len(points) >= FEW else _RULES_OF_FEW:
+        crowded = (grid > 0) & (around >= max(rule.crowd_least, rule.crowd * len(points)))
         joined, _ = label(maximum_filter(crowded, 3, mode="constant"), block)
         keeps = _in_parts(np.where(crowded, joined, 0).flat[used], count, lows, highs)
-        if keeps.all() or count[~keeps].sum() > most_points * len(points):
+        if keeps.all() or count[~keeps].sum() > rule.far_share * len(points):
             continue
         kept = np.zeros(CELLS**3, bool)
         kept[used[keeps]] = True
         rest = kept[cell]
-        if radius(points[rest]) < most_size * radius(points):
+        if radius(points[rest]) < rule.rest_size * radius(points):
             return rest
     return np.ones(len(points), bool)
 
@@ -110,13 +135,17 @@ def _in_parts(
         return np.ones(len(part), bool)
     main = np.argmax(np.where(sizes > 0, points, 0))
     of_points, of_size = points / points[main], sizes / sizes[main]
-    large = (of_size >= PART_SIZE) & (points >= FEWEST_POINTS)
-    large &= of_points >= np.maximum(PART_POINTS, PART_SIZE * of_size)
-    keeps = large | ((of_points >= DENSE_POINTS) & (of_size >= DENSE_SIZE))
-    if sizes[keeps].sum() < _LEAST_FILLED * _size(lows, highs):  # specks, as z = -9999 of a terrain
-        keeps[:] = False
-    keeps[main] = True
-    return np.any([cells for cells, keep in zip(parts, keeps, strict=True) if keep], axis=0)
+    enough = of_points >= np.maximum(LARGE_POINTS, POINTS_BY_SIZE * of_size)
+    large = (of_size >= LARGE_SIZE) & (points >= FEWEST_POINTS) & enough
+    dense = (of_points >= DENSE_POINTS) & (of_size >= DENSE_SIZE)
+    kept = large | dense
+    if sizes[kept].sum() < _LEAST_FILLED * _size(lows, highs):
+        kept[:] = False
+    kept[main] = True
+    in_parts = np.zeros(len(part), bool)
+    for number in np.flatnonzero(kept):
+        in_parts |= parts[number]
+    return in_parts
 
 
 def radius(points: NDArray[np.float64]) -> float:

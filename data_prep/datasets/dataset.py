@@ -9,7 +9,7 @@ from pathlib import Path
 from data_prep.datasets.objects import SceneObject, Split
 from data_prep.failures import BadInput
 
-MOST_NAMED = 3  # in a line of a report
+MOST_NAMED = 3  # names in a line of a report; the others are counted
 
 
 @dataclass(frozen=True)
@@ -77,11 +77,9 @@ class Dataset:
         """
         split = split or self.measured
         if self.classes and class_name not in self.classes:
-            flat = f"{self.id.rstrip('/')}/{self.classes[0]}"  # has no classes: serves as any
-            remedy = f"; a suite of one class takes {flat} whatever it holds"
             raise BadInput(
                 f"{self.id}: no class '{class_name}' (a sub-folder of that name); "
-                f"found {', '.join(self.classes)}{remedy * flat.startswith('folder:')}"
+                f"found {', '.join(self.classes)}{self._remedy_of_class()}"
             )
         if self.infinite is not None:
             count = endless_limit if limit is None else limit
@@ -94,6 +92,13 @@ class Dataset:
                 f"{self.id}: no {class_name} in the split '{split}'; there are objects in {filled}"
             )
         return matching[:limit]
+
+    def _remedy_of_class(self) -> str:
+        """Return what to give instead where a folder has no sub-folder of the class, or ""."""
+        if not self.id.startswith("folder:"):
+            return ""
+        flat = f"{self.id.rstrip('/')}/{self.classes[0]}"  # it has no classes, so it fits any
+        return f"; a suite of one class takes {flat} whatever it holds"
 
 
 @dataclass(frozen=True)
@@ -158,10 +163,11 @@ class DatasetListing:
         )
 
 
-def listed(names: Sequence[str]) -> str:
+def first_names(names: Sequence[str]) -> str:
     """Return the first names and the number of the others, for a line of a report."""
+    text = ", ".join(names[:MOST_NAMED])
     more = len(names) - MOST_NAMED
-    return ", ".join(names[:MOST_NAMED]) + (f" and {more} more" if more > 0 else "")
+    return f"{text} and {more} more" if more > 0 else text
 
 
 def differences(named: Mapping[Split, Sequence[str]], on_disk: Sequence[str]) -> list[str]:
@@ -170,8 +176,9 @@ def differences(named: Mapping[Split, Sequence[str]], on_disk: Sequence[str]) ->
     for split, ids in named.items():
         missing = [name for name in ids if name not in existing]
         if missing:
-            lines.append(f"{len(missing)} of the split '{split}' are not there: {listed(missing)}")
+            count = f"{len(missing)} of the split '{split}'"
+            lines.append(f"{count} are not there: {first_names(missing)}")
     extra = sorted(existing - {name for ids in named.values() for name in ids})
     if extra:
-        lines.append(f"{len(extra)} are in no split and left out: {listed(extra)}")
+        lines.append(f"{len(extra)} are in no split and left out: {first_names(extra)}")
     return lines

@@ -82,15 +82,10 @@ class ExportedObject(StoredCloud):
 
     def fingerprint(self) -> str:
         """Return a checksum of the listed checksums and angles, without reading the files."""
-        return hashlib.sha256(
-            repr(
-                (
-                    self.mesh and self.mesh.sha256,
-                    [(name, file.sha256) for name, file in self.clouds],
-                    [(view, file.sha256) for view, file in self.images],
-                )
-            ).encode()
-        ).hexdigest()
+        mesh = None if self.mesh is None else self.mesh.sha256
+        clouds = [(condition, file.sha256) for condition, file in self.clouds]
+        images = [(view, file.sha256) for view, file in self.images]
+        return hashlib.sha256(repr((mesh, clouds, images)).encode()).hexdigest()
 
     def load(self) -> Mesh:
         """Return the mesh as it was rendered. Raises BadInput where none was exported."""

@@ -12,7 +12,7 @@ from numpy.typing import NDArray
 from data_prep.clouds.normalise import normalise_points
 from data_prep.clouds.orientations import OURS
 from data_prep.clouds.sampling import random_subset, random_views
-from data_prep.datasets.dataset import Dataset, DatasetListing, listed
+from data_prep.datasets.dataset import Dataset, DatasetListing, first_names
 from data_prep.datasets.objects import SceneObject, StoredCloud
 from data_prep.datasets.stored_meshes import MATERIALS, MeshFile
 from data_prep.failures import BadInput
@@ -86,7 +86,7 @@ def folder_dataset(spec: str, root: Path) -> Dataset:
         raise BadInput(
             f"{root}: no mesh in this folder; expected {', '.join(SUFFIXES)} "
             f"(or clouds: {', '.join(_BARE_SUFFIXES)})"
-            + (f"; it has {listed(others)}" if others else "")
+            + (f"; it has {first_names(others)}" if others else "")
         )
     nested = tuple(file for file in files if file.parent != root)
     layout = f"a folder of {kind}" + (", sub-folders are classes" if nested else "")
@@ -99,7 +99,7 @@ def folder_dataset(spec: str, root: Path) -> Dataset:
         listing.irregular.append(f"{beside} files beside the sub-folders are left alone")
     listing.irregular += _splits(root, [file.relative_to(root).parts[:-1] for file in nested])
     dataset = listing.dataset(spec, layout, OURS.message)
-    return replace(dataset, classes=dataset.classes if nested else (), left_out=listed(others))
+    return replace(dataset, classes=dataset.classes if nested else (), left_out=first_names(others))
 
 
 def _splits(root: Path, folders: Sequence[Sequence[str]]) -> list[str]:
@@ -111,4 +111,4 @@ def _splits(root: Path, folders: Sequence[Sequence[str]]) -> list[str]:
             f"one of them, as folder:{root / min(tops)}"
         )
     mixed = sorted({folder[0] for folder in folders if set(folder[1:]) & _SPLIT_NAMES})
-    return [f"{listed(mixed)}: objects of all splits are taken together"] if mixed else []
+    return [f"{first_names(mixed)}: objects of all splits are taken together"] if mixed else []

@@ -26,7 +26,7 @@ from numpy.typing import NDArray
 
 from data_prep.clouds.orientations import PAPER
 from data_prep.clouds.sampling import AZIMUTH_RANGE_DEG, ELEVATION_RANGE_DEG, random_subset
-from data_prep.datasets.dataset import Dataset, differences, listed
+from data_prep.datasets.dataset import Dataset, differences, first_names
 from data_prep.datasets.objects import SceneObject, Split, StoredCloud
 from data_prep.datasets.synsets import class_names
 from data_prep.failures import BadInput
@@ -196,12 +196,13 @@ def paper_dataset(spec: str, root: Path) -> Dataset:
                 for object_id in ids
             ]
         irregular += _differences(root, names[synset], synset, paper_class.splits)
+    split_files = first_names([path.name for path in files])
     return Dataset(
         spec,
         tuple(sorted(names.values())),
         tuple(obj for split in _SPLITS for obj in splits[split]),
         splits={split: tuple(splits[split]) for split in _SPLITS},
-        layout=f"the paper's clouds and images, split by {listed([path.name for path in files])}",
+        layout=f"the paper's clouds and images, split by {split_files}",
         orientation=PAPER.message + ", twice as large",
         irregular=tuple(irregular),
     )
@@ -322,14 +323,17 @@ def _first_double(names: Sequence[str]) -> str | None:
 
 # --- what `bench data inspect` tells of the files -------------------------------------------------
 
-_WHITE = 250  # of 255: a channel below it belongs to the object
-# How the angles of view.txt might be meant: turned by quarters, and in either sense. The first is
-# the one that is taken here.
-READINGS = tuple((sense, turn) for sense in (1, -1) for turn in (0, 90, 180, 270))
+_WHITE = 250  # of 255: a pixel with a darker channel belongs to the object
+# Ways in which the azimuths of view.txt might be meant: the sign that they are multiplied by, and
+# the degrees that are then added. The first one is taken here.
+READINGS = ((1, 0), (1, 90), (1, 180), (1, 270), (-1, 0), (-1, 90), (-1, 180), (-1, 270))
 
 
 def find_problems(obj: PaperObject) -> Iterator[tuple[str, str]]:
-    """Yield each problem and its place: ("an image of mode RGB, not RGBA", "render_3_128.png")."""
+    """Yield each problem of the object's files, and the file or the number that has it.
+
+    For example ("an image of mode RGB, not RGBA", "render_3_128.png").
+    """
     try:
         obj.cloud(generator("examine"))
     except BadInput as error:

@@ -6,7 +6,7 @@ from collections.abc import Callable, Mapping
 from functools import partial
 from pathlib import Path
 
-from data_prep.datasets.dataset import MOST_NAMED, Dataset, DatasetReader, listed
+from data_prep.datasets.dataset import MOST_NAMED, Dataset, DatasetReader, first_names
 from data_prep.datasets.exported import exported_dataset, is_exported
 from data_prep.datasets.folder import BareCloud, folder_dataset
 from data_prep.datasets.modelnet import SPLITS, is_class, is_modelnet, modelnet_dataset
@@ -147,7 +147,7 @@ def recognised(location: str) -> str:
     root = folder_of(location)
     datasets = _datasets_at(root, location)
     if len(datasets) > 1:
-        raise BadInput(f"{root}: has several datasets; give one of them: {listed(datasets)}")
+        raise BadInput(f"{root}: has several datasets; give one of them: {first_names(datasets)}")
     return datasets[0] if datasets else f"folder:{location}"
 
 

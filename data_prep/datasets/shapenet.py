@@ -20,7 +20,7 @@ from pathlib import Path
 from typing import Any
 
 from data_prep.clouds.orientations import SHAPENET_V1, SHAPENET_V2, Orientation
-from data_prep.datasets.dataset import Dataset, DatasetListing, listed
+from data_prep.datasets.dataset import Dataset, DatasetListing, first_names
 from data_prep.datasets.objects import Split
 from data_prep.datasets.stored_meshes import MeshFile
 from data_prep.datasets.synsets import class_names
@@ -104,7 +104,7 @@ def shapenet_dataset(spec: str, root: Path) -> Dataset:
         name, folder = names[synset], root / synset
         if empty := [object_id for object_id, version in contents.items() if version is None]:
             listing.irregular.append(
-                f"{name}: {len(empty)} folders without a model: {listed(empty)}"
+                f"{name}: {len(empty)} folders without a model: {first_names(empty)}"
             )
         objects = {i: v.place(name, folder / i) for i, v in sorted(contents.items()) if v}
         if lists is None:
@@ -140,7 +140,7 @@ def _shared_ids(
         for object_id in (object_id for object_id, version in contents.items() if version):
             classes.setdefault(object_id, []).append(names[synset])
     twice = [f"{i} ({', '.join(sorted(c))})" for i, c in sorted(classes.items()) if len(c) > 1]
-    return [f"{len(twice)} ids are in several classes: {listed(twice)}"] if twice else []
+    return [f"{len(twice)} ids are in several classes: {first_names(twice)}"] if twice else []
 
 
 def _taxonomy(root: Path, synsets: Sequence[str]) -> dict[str, str]:
@@ -195,6 +195,6 @@ def _split_lists(root: Path, irregular: list[str]) -> dict[str, dict[Split, list
     if again:
         irregular.append(
             f"{_SPLIT_FILE}: {len(again)} models are listed twice, "
-            f"the first counts: {listed(again)}"
+            f"the first counts: {first_names(again)}"
         )
     return lists

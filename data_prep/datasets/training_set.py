@@ -23,7 +23,7 @@ from data_prep.scene import CLOUD_SIZE, IMAGE_SIZE, NEUTRAL_GREY, Points, View, 
 _Made = TypeVar("_Made")
 BLACK = (0, 0, 0)
 _CLOUD_POINTS = 4096  # twice what the encoder reads: each step takes another half
-DATA_SEED = 0  # of all trainings
+DATA_SEED = 0  # seed of the clouds and views of all trainings, so that these see the same ones
 _FEWEST_A_WORKER = 100  # objects: fewer are made before a process has started
 
 

@@ -29,7 +29,7 @@ from data_prep.files.cloud_contents import (
 from data_prep.files.cloud_text import numbers_of, text_lines
 from data_prep.files.safe_read import shown
 
-MOST_HEADER_BYTES = 2**16
+MOST_HEADER_BYTES = 2**16  # read in search of the end of the header
 
 # The first line tells how lines end: after end_header a \n may be the first byte of the numbers.
 _PLY_HEADER = re.compile(
@@ -44,7 +44,7 @@ _PLY_TYPES = {  # as `struct` and numpy call them
 }  # fmt: skip
 _WHOLE = "bBhHiIqQ"
 _SPLAT_COLOURS = ("f_dc_0", "f_dc_1", "f_dc_2")  # the first spherical harmonic
-_HARMONIC = 0.28209479177387814
+_HARMONIC = 0.28209479177387814  # the value of that one, 1 / (2 sqrt(pi))
 _SURFACES = ("face", "tristrips")
 _CORNERS = ("vertex_indices", "vertex_index")
 
@@ -98,7 +98,9 @@ class _Table(NamedTuple):
         """Return the triangles [F, 3] of polygons or strips, and the row of each."""
         names = self.element.names(lists=True)
         lists = [name for name in names if name]
-        corners_of = (*_CORNERS, *(lists if len(lists) == 1 else ()))
+        corners_of = list(_CORNERS)
+        if len(lists) == 1:  # under whatever name
+            corners_of += lists
         index = next((names.index(name) for name in corners_of if name in names), None)
         if index is None:
             return np.empty((0, 3), np.int64), np.empty(0, np.int64)
@@ -107,11 +109,14 @@ class _Table(NamedTuple):
         rows = np.repeat(np.arange(len(counts)), counts)
         first = (np.cumsum(lengths) - lengths)[rows]
         step = np.arange(len(rows)) - (np.cumsum(counts) - counts)[rows]
-        strips = self.element.name == "tristrips"  # -1 begins another
-        chosen = np.stack([first + strips * step, first + step + 1, first + step + 2], axis=1)
-        triangles = corners[chosen]
-        kept = (triangles >= 0).all(axis=1) if strips else slice(None)
-        return triangles[kept], rows[kept]
+        # All triangles of a polygon share its first corner. In a strip each begins a corner later.
+        is_strip = self.element.name == "tristrips"
+        begin = first + step if is_strip else first
+        triangles = corners[np.stack([begin, first + step + 1, first + step + 2], axis=1)]
+        if is_strip:
+            kept = (triangles >= 0).all(axis=1)  # -1 ends a strip and begins another one
+            return triangles[kept], rows[kept]
+        return triangles, rows
 
 
 def read_ply(data: bytes, with_colors: bool = False) -> CloudContents:
@@ -159,12 +164,12 @@ def read_ply(data: bytes, with_colors: bool = False) -> CloudContents:
     of_faces, face_colors = tables[surface].colors(with_colors)
     return CloudContents(
         points,
-        (*unused, f"its {elements[surface].rows} faces"),
-        lines,
-        has_colors or of_faces,
-        colors,
-        faces,
-        None if face_colors is None else face_colors[rows],
+        unused=(*unused, f"its {elements[surface].rows} faces"),
+        lines=lines,
+        has_colors=has_colors or of_faces,
+        colors=colors,
+        faces=faces,
+        face_colors=None if face_colors is None else face_colors[rows],
     )
 
 

@@ -83,19 +83,22 @@ def read_text(
     names, separator, texts = _start_of(lines_of_text, parts)
     head = list(islice(texts, HEAD))
     layout, head = _layout_of(head, names, separator, unnamed)
-    columns = layout.axes + (layout.colours if with_colors else ())
+    columns = layout.axes
+    if with_colors:
+        columns += layout.colours
     values, lines = array("d"), array("q")
     for number, fields in _split(chain(head, texts), layout.separator):
-        if len(fields) != layout.width and (
-            layout.separator != " " or (not names and all(map(is_number, fields)))
-        ):
-            raise _uneven(number, fields, layout.width)
+        if len(fields) != layout.width:
+            # Between spaces a row may have words behind its numbers, or names may explain it.
+            is_row_of_numbers = not names and all(map(is_number, fields))
+            if layout.separator != " " or is_row_of_numbers:
+                raise _uneven(number, fields, layout.width)
         values.extend(numbers_of(fields, columns, f"line {number}", layout.decimal_comma))
         lines.append(number)
     table = np.array(values, np.float64).reshape(-1, len(columns))
     if layout.unsure:
         _check_first_column(table, layout.width > 3)
-    notes = (_COMMAS,) * layout.decimal_comma
+    notes = (_COMMAS,) if layout.decimal_comma else ()
     return contents_of(table, bool(layout.colours), unused=layout.unused, lines=lines, notes=notes)
 
 
@@ -131,15 +134,18 @@ def _layout_of(
     points = any("." in field and _NUMBER.fullmatch(field) for field in fields)
     if commas and not points:
         _check_commas([row[axis] for row in rows for axis in axes if axis < len(row)])
-    unused = f"{filled - 3} of its {filled} columns" + _UNNAMED * unsure
+    unused = guess
+    if filled > 3:
+        others = f"{filled - 3} of its {filled} columns"
+        unused += (others + _UNNAMED if unsure else others,)
     layout = _Layout(
-        separator,
-        commas and not points,
-        width,
-        axes,
-        color_columns(names) if names else unnamed.get(width, ()),
-        unsure,
-        guess + ((unused,) if filled > 3 else ()),
+        separator=separator,
+        decimal_comma=commas and not points,
+        width=width,
+        axes=axes,
+        colours=color_columns(names) if names else unnamed.get(width, ()),
+        unsure=unsure,
+        unused=unused,
     )
     return layout, head
 
@@ -164,9 +170,8 @@ def _start_of(
         else:
             separator = separator or _separator(text)
             ((_, fields),) = _split([(number, text)], separator)
-            # Prose may have an x, a y and a z, too; COLMAP names the last of many columns once.
-            listed = "," in comment and len(names) < len(fields)
-            if comment and not (listed or len(names) == len(fields) or names[:3] == [*"xyz"]):
+            # Prose in a comment may have an x, a y and a z, too.
+            if comment and not _names_columns(comment, names, len(fields)):
                 names = []
             if not names and (degrees or _in_degrees(header)):
                 raise NotACloud(
@@ -185,6 +190,13 @@ def _names(text: str) -> list[str]:
     separator = next((mark for mark in ";\t|," if mark in text), " ")
     fields = next(csv.reader([text], delimiter=separator, skipinitialspace=True), [])
     return [re.sub(r"[^a-z0-9]", "", field.lower()) for field in fields]
+
+
+def _names_columns(comment: str, names: Sequence[str], columns: int) -> bool:
+    """Return whether words of a comment name the columns of a table that has so many."""
+    # COLMAP names the last of many columns once.
+    is_short_list = "," in comment and len(names) < columns
+    return is_short_list or len(names) == columns or names[:3] == ["x", "y", "z"]
 
 
 def _in_degrees(names: Sequence[str]) -> bool:
@@ -243,12 +255,16 @@ def _check_commas(fields: Sequence[str]) -> None:
 def _check_first_column(table: NDArray[np.float64], spare: bool) -> None:
     """Raise NotACloud where the first column counts the points, or goes on in equal steps.
 
-    `spare` tells whether three other columns are there; without them both are asked for.
+    Equal steps alone may be a grid or a line. So two of three more signs are asked for: `spare`,
+    that three other columns are there for the coordinates; many rows; and steps of 1 from 0 or 1.
     """
     first = table[:, 0]
     steps = np.diff(first)
-    even = len(first) > 2 and steps[0] != 0 and np.allclose(steps, steps[0], 1e-3, 0)
-    if even and spare + (len(first) > 15) + (first[0] in (0, 1) and steps[0] == 1) > 1:
+    if len(first) <= 2 or steps[0] == 0 or not np.allclose(steps, steps[0], 1e-3, 0):
+        return
+    is_long = len(first) > 15  # so many points in equal steps are hardly chance
+    is_count = first[0] in (0, 1) and steps[0] == 1
+    if sum((spare, is_long, is_count)) >= 2:
         raise _first_column_counts(f"{first[0]:g}")
 
 

@@ -131,7 +131,13 @@ def _has_rows(path: Path) -> bool:
         return True
     text = start.decode(json.detect_encoding(start[:4]), "replace")
     fields = (re.split(r'[\s;,"]+', line.strip('\t ;,"')) for line in text.splitlines())
-    return not start or any(sum(map(is_number, row)) >= max(3, len(row) / 2) for row in fields)
+    if not start:
+        return True
+    for row in fields:
+        numbers = sum(map(is_number, row))
+        if numbers >= 3 and numbers >= len(row) / 2:
+            return True
+    return False
 
 
 def check_cloud_name(path: Path) -> None:
@@ -166,7 +172,8 @@ def save_ply(points: Points, path: Path) -> None:
     CannotWrite
         If the disk refuses.
     """
-    if points.dtype.kind + str(points.itemsize) != "f4" or points.shape[1:] != (3,):
+    is_float32 = points.dtype.kind == "f" and points.itemsize == 4  # in either byte order
+    if not is_float32 or points.shape[1:] != (3,):
         raise ValueError(f"expected float32 [N, 3], got {points.dtype} {list(points.shape)}")
     header = (
         f"ply\nformat binary_little_endian 1.0\nelement vertex {len(points)}\n"
@@ -257,8 +264,9 @@ def read_scan(
             f"{path}: not a readable {kind} file ({reason_of(error)}); fetch it again"
         ) from error
     unused = (COLOURS,) if has_colors else ()
-    fewer = f"a scan of {count} points: {len(table)} of them, chosen at random, are read"
-    notes = (fewer,) if len(table) < count else ()
+    notes: tuple[str, ...] = ()
+    if len(table) < count:
+        notes = (f"a scan of {count} points: {len(table)} of them, chosen at random, are read",)
     return contents_of(table, has_colors, whole=True, unused=unused, notes=notes)
 
 
@@ -273,7 +281,9 @@ def _read_las(file: io.BufferedReader, path: Path, limits: ScanLimits, with_colo
     file.seek(0)
     with laspy.LasReader(file, closefd=False, read_evlrs=False) as las:
         has_colors = "red" in las.header.point_format.dimension_names
-        columns = [*"xyz", *(("red", "green", "blue") if with_colors and has_colors else ())]
+        columns = ["x", "y", "z"]
+        if with_colors and has_colors:
+            columns += ["red", "green", "blue"]
         count, seen = las.header.point_count, 0
         _check_claim(path, count, limits.claimed_in_pieces)
         rows = random_rows(count, limits.kept)
@@ -296,16 +306,16 @@ def _read_e57(file: io.BufferedReader, path: Path, limits: ScanLimits, with_colo
         headers = [e57.get_header(i) for i in range(e57.scan_count)]
         _check_claim(path, sum(header.point_count for header in headers), limits.claimed)
         has_colors = any(channels[0] in header.point_fields for header in headers)
-        columns = (*axes, *(channels if with_colors and has_colors else ()))
+        columns = axes + channels if with_colors and has_colors else axes
         scans = [
             e57.read_scan(i, colors=len(columns) > 3, ignore_missing_fields=True)
             for i in range(e57.scan_count)
         ]
-    parts = [  # a scan without colours beside others is black
-        np.stack([scan.get(name, np.zeros(len(scan[axes[0]]))) for name in columns], axis=1)
-        for scan in scans
-    ]
-    points = np.concatenate([np.empty((0, len(columns))), *parts])
+    parts = [np.empty((0, len(columns)))]
+    for scan in scans:
+        black = np.zeros(len(scan[axes[0]]))  # of a scan without colours beside others
+        parts.append(np.stack([scan.get(name, black) for name in columns], axis=1))
+    points = np.concatenate(parts)
     return points[random_rows(len(points), limits.kept)], has_colors, len(points)
 
 

@@ -195,8 +195,16 @@ def _in_double(file: BinaryIO) -> BinaryIO:
     return io.BytesIO(header + end + rows)
 
 
-_TEXTURES = ("image", "baseColorTexture", "emissiveTexture", "metallicRoughnessTexture")
-_TEXTURES += ("normalTexture", "occlusionTexture")
+# Names under which trimesh's materials have images.
+_TEXTURES = (
+    "image",
+    "baseColorTexture",
+    "emissiveTexture",
+    "metallicRoughnessTexture",
+    "normalTexture",
+    "occlusionTexture",
+)
+# Numbers of an element of an accessor, by its type.
 _GLTF_COLUMNS = {"SCALAR": 1, "VEC2": 2, "VEC3": 3, "VEC4": 4, "MAT2": 4, "MAT3": 9, "MAT4": 16}
 
 

@@ -14,12 +14,25 @@ from typing import Any
 from data_prep.failures import BadInput
 
 MIB = 2**20
-_MOST_NAME_LENGTH = 200
+_MOST_NAME_LENGTH = 200  # characters of a class or an id: names of files end at 255 bytes
 _MOST_REASON_LENGTH = 120  # of a parser's complaint
 MOST_ENTRIES = 2_000_000  # below a folder: all of Objaverse has 800,000 files
-_LEFT_BY_SYSTEMS = ("__macosx", "thumbs.db", "desktop.ini", "icon\r", "@eadir", "#recycle")
-_LEFT_BY_SYSTEMS += ("$recycle.bin", "system volume information", "lost+found", "__pycache__")
-_LEFT_BY_SYSTEMS += ("@recycle", "#snapshot", "~snapshot")
+# Files and folders that systems and network disks put among those of a user, in lower case.
+_LEFT_BY_SYSTEMS = {
+    "__macosx",
+    "icon\r",
+    "thumbs.db",
+    "desktop.ini",
+    "$recycle.bin",
+    "system volume information",
+    "lost+found",
+    "__pycache__",
+    "@eadir",
+    "@recycle",
+    "#recycle",
+    "#snapshot",
+    "~snapshot",
+}
 
 
 def is_regular_file(path: Path) -> bool:

@@ -13,9 +13,10 @@ from numpy.typing import NDArray
 
 from data_prep.scene import IMAGE_SIZE, View
 
-CAMERA_DISTANCE = 4.0
+CAMERA_DISTANCE = 4.0  # from the origin, in radii of the unit sphere
 FARTHEST = CAMERA_DISTANCE + 1.25  # nearness 0: the far end of the unit sphere, and room for noise
 FIELD_OF_VIEW_RAD = 2.0 * math.atan(16.0 / 58.0)
+# The focal length in pixels of an image of IMAGE_SIZE.
 FOCAL_PX = IMAGE_SIZE / 2 / math.tan(FIELD_OF_VIEW_RAD / 2)
 
 

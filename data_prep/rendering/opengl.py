@@ -34,12 +34,12 @@ from data_prep.scene import IMAGE_SIZE, NEUTRAL_GREY, Mesh, View
 VERSION = 1  # raise when a change here changes a pixel: finished work is then done again
 _SHADERS = Path(__file__).parent
 _SHADER_FILES = ("mesh.vert", "mesh.frag")
-SAMPLES = 4  # a pixel
+SAMPLES = 4  # of each pixel, whose mean smooths edges
 # Reconstructions may leave the unit sphere; parts outside this range are cut off.
 NEAR, FAR = 0.05 * CAMERA_DISTANCE, 2.5 * CAMERA_DISTANCE
 BACKGROUND = (1.0, 1.0, 1.0)  # red, green and blue of what nothing covers: white
-SHEET_VIEWS = 32  # one above the other, at most
-SHEET_PX = 16_384  # high: what any OpenGL 4.1 can do
+SHEET_VIEWS = 32  # images that are drawn one above the other before they are read, at most
+SHEET_PX = 16_384  # height in pixels of all of them, at most: as much as any OpenGL 4.1 can do
 POSITION, COLOUR = 0, 1  # attributes of a vertex, three float32 each
 DEBIAN_PACKAGES = {  # and the library each is installed for; `.ci/libraries` installs the same
     "libegl1": "libEGL.so.1",
@@ -204,9 +204,8 @@ class _Context:
             gl.glDrawElements(gl.GL_TRIANGLES, indices, gl.GL_UNSIGNED_INT, ctypes.c_void_p(0))
             gl.glBindFramebuffer(gl.GL_DRAW_FRAMEBUFFER, buffers.sheet)
             bottom, top = size * place, size * (place + 1)
-            gl.glBlitFramebuffer(
-                *(0, 0, size, size), *(0, bottom, size, top), gl.GL_COLOR_BUFFER_BIT, gl.GL_NEAREST
-            )
+            image, on_sheet = (0, 0, size, size), (0, bottom, size, top)
+            gl.glBlitFramebuffer(*image, *on_sheet, gl.GL_COLOR_BUFFER_BIT, gl.GL_NEAREST)
 
     def read(self, count: int, buffers: _Buffers) -> NDArray[np.uint8]:
         """Return the first images of the sheet, uint8 [count, size, size, 3]."""

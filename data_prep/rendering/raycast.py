@@ -21,9 +21,9 @@ from data_prep.rendering.camera import FARTHEST, FOCAL_PX, camera_to_world, proj
 from data_prep.rendering.opengl import FAR, NEAR
 from data_prep.scene import IMAGE_SIZE, Mesh, View
 
-GAMMA = 2.2
+GAMMA = 2.2  # the shader's: a colour is multiplied by cos(t)^(1 / GAMMA)
 WHITE = 255
-_BOX_VERTICES = 128
+_BOX_VERTICES = 128  # neighbours in the file that share a box, by which a mesh's window is found
 _MOST_RAYS = 2**19  # cast together: a bound on memory
 ALL = slice(None)
 # Where OpenGL takes the 4 samples of a pixel, as (column, row from the top): the standard pattern
@@ -191,10 +191,10 @@ def _window(corners: NDArray[np.float64], view: View, size: int) -> tuple[slice,
     return _span(rows, size), _span(columns, size)
 
 
-def _span(places: NDArray[np.float64], size: int) -> slice:
+def _span(coordinates: NDArray[np.float64], size: int) -> slice:
     """Return the range of whole pixels that coordinates lie in, within the image."""
     # Directions of rays have 32 bits: rounding moves one by less than 1e-4 px.
-    first, last = np.floor(places.min() - 0.01), np.ceil(places.max() + 0.01)
+    first, last = np.floor(coordinates.min() - 0.01), np.ceil(coordinates.max() + 0.01)
     low, high = np.clip([first, last], 0, size)
     return slice(int(low), int(high))
 
