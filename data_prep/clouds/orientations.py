@@ -17,7 +17,11 @@ from data_prep.failures import BadInput
 
 @dataclass(frozen=True)
 class Orientation:
-    """The axes of a file that point up and to the front, such as "+X" or "-Z"; and whence known."""
+    """Axes of a file that point up and to the front.
+
+    up, front  such as "+X" or "-Z"
+    source     whence this is known, in words
+    """
 
     up: str
     front: str
@@ -35,10 +39,7 @@ class Orientation:
 
     def _rotation(self) -> NDArray[np.int64]:
         """Return a matrix [3, 3] whose rows are our axes in the axes of the file."""
-        top, ahead = (
-            np.eye(3, dtype=np.int64)["XYZ".index(axis[1])] * int(f"{axis[0]}1")
-            for axis in (self.up, self.front)
-        )
+        top, ahead = _direction(self.up), _direction(self.front)
         return np.stack([np.cross(ahead, top), top, -ahead])
 
     def to_ours(self, points: NDArray[Any]) -> NDArray[Any]:
@@ -51,11 +52,18 @@ class Orientation:
         """Return the orientation in words."""
         if self.columns == OURS.columns:
             return f"{self.up} up, front {self.front}: taken as it is"
-        axes = ", ".join(
-            ("-" if sign < 0 else "") + "xyz"[column]
-            for column, sign in zip(self.columns, self.signs, strict=True)
-        )
-        return f"{self.up} up, front {self.front}: (x, y, z) becomes ({axes})"
+        axes = []
+        for column, sign in zip(self.columns, self.signs, strict=True):
+            axis = "xyz"[column]
+            axes.append(f"-{axis}" if sign < 0 else axis)
+        return f"{self.up} up, front {self.front}: (x, y, z) becomes ({', '.join(axes)})"
+
+
+def _direction(axis: str) -> NDArray[np.int64]:
+    """Return the unit vector [3] of an axis such as "-Z"."""
+    direction = np.zeros(3, np.int64)
+    direction["XYZ".index(axis[1])] = -1 if axis[0] == "-" else 1
+    return direction
 
 
 OURS = Orientation("+Y", "-Z", "the convention of this project")

@@ -177,10 +177,10 @@ def exported_dataset(spec: str, root: Path) -> Dataset:
                 f"{where}: seed {shown(row['seed'])} in an export with --seed {shown(seed)}; "
                 "export it again"
             )
-        lacking = [file for file, rows in ((CLOUDS, clouds), (VIEWS, images)) if name not in rows]
-        if lacking:
-            text = shown("/".join(name))
-            raise BadInput(f"{where}: {text} is not in {lacking[0]}; fetch it again")
+        for file, rows in ((CLOUDS, clouds), (VIEWS, images)):
+            if name not in rows:
+                text = shown("/".join(name))
+                raise BadInput(f"{where}: {text} is not in {file}; fetch it again")
         mesh = _file(root, row, where) if row["file"] else None
         listing.objects.append(
             ExportedObject(*name, mesh, tuple(clouds[name]), tuple(images[name]))

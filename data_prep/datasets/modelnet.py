@@ -68,10 +68,7 @@ def modelnet_dataset(spec: str, root: Path) -> Dataset:
         for class_name, folder in classes.items():
             on_disk = {path.stem: _object(class_name, path) for path in files_in(folder, OFF)}
             if lists:
-                named: dict[Split, list[str]] = {  # "night_stand_0001" is a night_stand
-                    split: [i for i in ids if i.rpartition("_")[0] == folder.name]
-                    for split, ids in lists.items()
-                }
+                named = {split: _ids_of(folder.name, ids) for split, ids in lists.items()}
                 absent = partial(_absent, class_name, folder)
                 listing.add_listed(class_name, on_disk, named, absent)
             else:
@@ -82,8 +79,15 @@ def modelnet_dataset(spec: str, root: Path) -> Dataset:
             f"{root}: no ModelNet here; expected <class>/train/<class>_0001.off or "
             "<class>/<class>_0001.off"
         )
-    layout += "".join(f"; {ours} is its {its}" for its, ours in CLASSES.items() if ours in classes)
+    for its, ours in CLASSES.items():
+        if ours in classes:
+            layout += f"; {ours} is its {its}"
     return listing.dataset(spec, layout, MODELNET.message)
+
+
+def _ids_of(class_name: str, ids: Sequence[str]) -> list[str]:
+    """Return the ids of a class: "night_stand_0001" is a night_stand."""
+    return [object_id for object_id in ids if object_id.rpartition("_")[0] == class_name]
 
 
 def _add_folders(listing: DatasetListing, class_name: str, folder: Path) -> None:

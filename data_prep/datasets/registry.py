@@ -62,7 +62,7 @@ _LAYOUTS: Mapping[str, Callable[[Path], bool]] = {
     "shapenet": is_shapenet,
     "modelnet": is_modelnet,
 }
-_MOST_LOOKED_INTO = 500  # folders of a level
+_MOST_LOOKED_INTO = 500  # folders on each level below one that is searched: a bound on time
 
 
 def open_dataset(spec: str) -> Dataset:
@@ -167,9 +167,11 @@ def _datasets_at(root: Path, location: str) -> list[str]:
             return [f"{kind}:{part.parent}"]
     level = [root]
     for _ in range(2):
-        level = [inner for folder in level for inner in folders_in(folder)][:_MOST_LOOKED_INTO]
-        if below := [f"{kind}:{inner}" for inner in level if (kind := _kind_of(inner))]:
-            return below
+        inner = [folder for outer in level for folder in folders_in(outer)]
+        level = inner[:_MOST_LOOKED_INTO]
+        kinds = [(_kind_of(folder), folder) for folder in level]
+        if any(kind is not None for kind, _ in kinds):
+            return [f"{kind}:{folder}" for kind, folder in kinds if kind is not None]
     return []
 
 
@@ -179,10 +181,11 @@ def _refuse_other_layout(kind: str, root: Path) -> None:
         return
     if others := _datasets_at(root, str(root)):
         kinds = " and ".join(sorted({other.partition(":")[0] for other in others}))
-        layout = f"has the layout of {kinds}, with axes and splits of its own"
+        problem = f"no {kind} in this folder itself"
+        if kind == "folder":
+            problem = f"has the layout of {kinds}, with axes and splits of its own"
         raise BadInput(
-            f"{kind}:{root}: {layout if kind == 'folder' else f'no {kind} in this folder itself'}; "
-            f"give --dataset {' or '.join(others[:MOST_NAMED])}"
+            f"{kind}:{root}: {problem}; give --dataset {' or '.join(others[:MOST_NAMED])}"
         )
 
 

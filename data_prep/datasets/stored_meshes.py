@@ -73,9 +73,8 @@ class MeshFile(MeshObject):
                 if path.suffix.lower() not in SUFFIXES:
                     yield path
             return
-        # Without this a mesh that is itself in "images" would yield its neighbours twice.
-        folders = dict.fromkeys((self.path.parent, self.folder / "images"))
-        for folder in folders:
+        # Without repetition, as a mesh may itself be in the folder "images".
+        for folder in dict.fromkeys((self.path.parent, self.folder / "images")):
             for path in sorted(folder.glob("*")):
                 if path.suffix.lower() in MATERIALS and not is_hidden(path.name):
                     yield path
