@@ -85,8 +85,8 @@ class SurfaceFit(DrawsReconstruction):
         if len(points) <= NORMAL_NEIGHBOURS:
             raise StageFailure(
                 "input",
-                f"{len(points)} of {len(cloud)} points are left, those nearer than the camera and "
-                f"one for each grid cell; normals need at least {NORMAL_NEIGHBOURS + 1}",
+                f"{len(points)} of {len(cloud)} points are left where the camera looks, one for "
+                f"each grid cell; normals need at least {NORMAL_NEIGHBOURS + 1}",
             )
         meshlab = closed_surface(points)
         cells = resolution(points, cell)

@@ -90,13 +90,13 @@ def _both(name_or_path: str, colour: NetworkWeights, grey: NetworkWeights) -> di
     if (colour.network.config.heads, grey.network.config.heads) != (("colour",), ("grey",)):
         raise _not_one_training(name_or_path, "the heads are not colour and grey")
     state = colour.network.state_dict()
-    for key, other in grey.network.state_dict().items():
-        own = state[key]
+    for key, of_grey in grey.network.state_dict().items():
+        of_colour = state[key]
         if key in HEAD:
             # Row 0 is alpha, which both files have; the rows after it are those of the heads.
-            state[key] = torch.cat([own, other[1:]])
-            own, other = own[:1], other[:1]
-        if not torch.equal(own, other):
+            state[key] = torch.cat([of_colour, of_grey[1:]])
+            of_colour, of_grey = of_colour[:1], of_grey[:1]
+        if not torch.equal(of_colour, of_grey):
             raise _not_one_training(name_or_path, f"{key} differs")
     return dict(state)
 

@@ -24,24 +24,28 @@ from torch.nn import functional
 # Points that a place is moved by: its nearest point, and the first eleven in that point's
 # `neighbours`, which are its 1st to 8th, 11th, 15th and 20th nearest (`surroundings.RANKS`).
 ASKED = 12
-_NODE = 3  # numbers that a point starts from: noise, how far it was moved, how little it was turned
-_PAIR = 8  # numbers that relate two points, or a place and a point
-_RAW = 1  # and one about a point as it was before it was smoothed
-_PLACES_TOGETHER = 2**10  # what they take stays in a processor's cache
-_NOISE_UNIT = 3.0  # spacings: noise of 10 % at 2,048 points
-# In a round the absolute multiples of all neighbours of a point add up to at most so much. Without
-# a bound a training diverged; with half of it it learned more slowly.
+# Numbers that the features of a point are computed from at first: its noise, how far smoothing
+# moved it, and how little smoothing turned its normal.
+_NODE = 3
+_PAIR = 8  # numbers that describe a pair of two points, or of a place and a point
+_RAW = 1  # a further number of a pair of points, about the second one before smoothing
+_PLACES_TOGETHER = 2**10  # places computed at a time: their features fit into a processor's cache
+_NOISE_UNIT = 3.0  # spacings that noise is divided by: a noise of 10 % with 2,048 points
+# In a round the absolute multiples of all neighbours of a point add up to at most this. Without a
+# bound a training diverged, and with half of this bound it learned more slowly.
 _REACH = 8.0
-_BENT = 0.04  # squared spacings: products of heights below this are hardly told apart
-_TINY = 1e-8  # squared spacings: a distance has a gradient at 0, too
+# Squared spacings. A product of heights, whose root tells how much a surface bends, is hardly
+# distinguished from 0 below this.
+_BENT = 0.04
+_TINY = 1e-8  # squared spacings, added before a root is taken, whose slope at 0 is infinite
 
 
 @dataclass(frozen=True)
 class UpsamplerConfig:
     """The sizes of a network.
 
-    width   features of a point
-    rounds  times that points hear of their neighbours
+    width   number of features of a point
+    rounds  number of rounds in which points take up features of their neighbours
     """
 
     width: int = 48
@@ -53,16 +57,16 @@ DEFAULT = UpsamplerConfig()
 
 @dataclass(frozen=True, eq=False)
 class Surroundings:
-    """N points and what the network sees around them.
+    """N points and what the network sees around each.
 
-    points      float32 [N, 3]: the cloud, smoothed where it is noisy
-    normals     float32 [N, 3]: of the planes of their nearest neighbours, of any sign
-    raw         float32 [N, 3]: the points before they were smoothed
-    raw_normals float32 [N, 3]: of the planes of their nearest neighbours before that
-    radius      float32 [N], > 0: the spacing of the points there, the unit of length
-    noise       float32 [N], >= 0: standard deviation of the noise, in that unit
-    neighbours  int64 [N, K], K >= ASKED - 1: indices of neighbours, by distance, as many and of the
-                ranks that `surroundings.RANKS` says; the point itself is not among them
+    points      float32 [N, 3], smoothed where the cloud is noisy
+    normals     float32 [N, 3], of the planes of their nearest neighbours, of either sign
+    raw         float32 [N, 3], the points before smoothing
+    raw_normals float32 [N, 3], the normals before smoothing
+    radius      float32 [N], > 0: the spacing around each point, in which lengths are measured
+    noise       float32 [N], >= 0: standard deviation of the noise, in these spacings
+    neighbours  int64 [N, K], K >= ASKED - 1: indices of neighbours whose ranks by distance are
+                `surroundings.RANKS`; the point itself is not among them
     """
 
     points: Tensor
@@ -74,14 +78,16 @@ class Surroundings:
     neighbours: Tensor
 
     def to(self, device: torch.device) -> Surroundings:
-        """Return the same on a device."""
+        """Return a copy with all tensors on a device."""
         return Surroundings(**{name: value.to(device) for name, value in vars(self).items()})
 
 
 class Encoded(NamedTuple):
-    """The points after all rounds: features [N, C], and their planes, by point and normal [N, 6].
+    """A cloud after all rounds.
 
-    seen  what the network was shown
+    features  [N, C], of its points
+    planes    [N, 6], of its points: a place on the plane, and the unit normal
+    seen      what the network was shown
     """
 
     features: Tensor
@@ -90,13 +96,15 @@ class Encoded(NamedTuple):
 
 
 class _Pairs(NamedTuple):
-    """Pairs of a plane and K others [Q, K], in units of the spacing at the one.
+    """Pairs of each of Q planes with K others. Lengths are in spacings at the first plane.
 
-    offset   [Q, K, 3]: from the one to the others
-    normals  [Q, K, 3]: of the others
-    height   [Q, K]: of the others above the plane of the one
-    back     [Q, K]: of the one above the planes of the others
-    cosine   [Q, K]: between the normals
+    A plane is given by a place on it and a normal.
+
+    offset   [Q, K, 3], from the place of the first plane to those of the others
+    normals  [Q, K, 3], of the others
+    height   [Q, K], of the others' places above the first plane
+    back     [Q, K], of the first one's place above the others' planes
+    cosine   [Q, K], of the angle between the normals
     """
 
     offset: Tensor
@@ -107,7 +115,7 @@ class _Pairs(NamedTuple):
 
 
 class _Round(nn.Module):
-    """A round in which each point hears of its neighbours."""
+    """A round in which each point takes up features of its neighbours, and moves its plane."""
 
     def __init__(self, width: int) -> None:
         super().__init__()
@@ -123,10 +131,12 @@ class _Round(nn.Module):
     def forward(
         self, features: Tensor, planes: Tensor, seen: Surroundings, also: Tensor
     ) -> tuple[Tensor, Tensor]:
-        """Return features [N, C] and planes [N, 6] after this round, from those before it.
+        """Return the features [N, C] and planes [N, 6] of points after this round.
 
-        `also` [N, K, 3]: the log ratio of the neighbour's spacing to the point's own, how far
-        smoothing moved the neighbour, and the noise at the point.
+        features, planes  those before the round
+        seen              the surroundings of the points
+        also              [N, K, 3], of each neighbour: the logarithm of its spacing over the
+                          point's, how far smoothing moved it, and the noise of the point
         """
         place, normals, near = planes[:, :3], planes[:, 3:], seen.neighbours
         pairs = _pairs(place, normals, _of(planes, near), seen.radius)
@@ -137,19 +147,22 @@ class _Round(nn.Module):
         heard = _of(self.there(normed), near) + self.here(normed)[:, None] + self.pair(known)
         message = self.message(heard.relu()).relu()
         features = features + self.out(message.amax(dim=1))
-        # A neighbour's multiple is divided by 1 + its distance: one far away moves a plane little.
+        # Multiples are divided by 1 + the distance, so that far neighbours move a plane little.
         far = 1 + (_dot(pairs.offset, pairs.offset) + _dot(raw, raw) + _TINY).sqrt()
         most = _REACH / (far * near.shape[1])
         multiples = most[..., None] * self.multiples(message).float().tanh()
         onto, up, along, raw_up, raw_along, beside, slope = multiples.unbind(dim=2)
         move, tilt = self._way_back(features, planes, seen)
-        # Onto the planes of the others, towards them, and towards where they were before smoothing.
+        # The place moves onto the planes of the neighbours, towards the neighbours, and towards
+        # where they were before smoothing.
         move = move + _sum(onto * pairs.back, pairs.normals)
         move = move + _sum(along, pairs.offset) + _sum(raw_along, raw)
-        # Along the own normal, as high as the others are and were.
+        # It also moves along its own normal, by multiples of the heights of the neighbours and of
+        # those that they had before smoothing.
         heights = up * pairs.height + raw_up * raw_height
         move = move + heights.sum(dim=1, keepdim=True) * normals
-        # The normal turns towards those of the others, and with the slope that they stand on.
+        # The normal turns towards those of the neighbours, and by the slope of the surface that
+        # their heights show.
         tilt = tilt + _sum(beside * pairs.cosine.sign(), pairs.normals)
         tilt = tilt + _sum(slope * pairs.height, pairs.offset)
         turned = functional.normalize(normals + tilt, dim=1)
@@ -158,9 +171,10 @@ class _Round(nn.Module):
     def _way_back(
         self, features: Tensor, planes: Tensor, seen: Surroundings
     ) -> tuple[Tensor, Tensor]:
-        """Return moves and tilts [N, 3]: learned shares of the way back to the raw points.
+        """Return changes of places [N, 3] and normals [N, 3] towards those before smoothing.
 
-        Smoothing sometimes flattens a thin part as if it were noise; this lets the network undo it.
+        They are learned shares of the whole way back. Smoothing sometimes flattens a thin part as
+        if it were noise, and this lets the network undo it.
         """
         place_back, normal_back = self.back(features).float().tanh().split(1, dim=1)
         way = (seen.raw - planes[:, :3]) / seen.radius[:, None]
@@ -185,14 +199,16 @@ class Upsampler(nn.Module):
         self.answer = _zeros(width, 7)
 
     def forward(self, seen: Surroundings, places: Tensor, nearest: Tensor) -> tuple[Tensor, Tensor]:
-        """Return places [Q, 3] moved onto the surface, and unit normals [Q, 3] of any sign.
+        """Return places [Q, 3] moved onto the surface, and unit normals there, of either sign.
 
-        `nearest` [Q] is the index of the nearest point of each.
+        seen     the surroundings of the points
+        places   [Q, 3]
+        nearest  [Q], the index of the point nearest to each place
         """
         return self.project(self.encode(seen), places, nearest)
 
     def encode(self, seen: Surroundings) -> Encoded:
-        """Return the points after all rounds."""
+        """Return features and planes of the points after all rounds."""
         moved = (seen.points - seen.raw).norm(dim=1) / seen.radius
         alike = _dot(seen.normals, seen.raw_normals).abs()
         noise = seen.noise / _NOISE_UNIT
@@ -206,7 +222,7 @@ class Upsampler(nn.Module):
         return Encoded(self.asked(self.norm(features)), planes, seen)
 
     def project(self, cloud: Encoded, places: Tensor, nearest: Tensor) -> tuple[Tensor, Tensor]:
-        """Return what `forward` does, of points that `encode` has returned."""
+        """Return what `forward` returns, for points that `encode` has returned."""
         together = zip(places.split(_PLACES_TOGETHER), nearest.split(_PLACES_TOGETHER), strict=True)
         parts = [self._project(cloud, some, near) for some, near in together]
         moved, normals = zip(*parts, strict=True)
@@ -224,10 +240,11 @@ class Upsampler(nn.Module):
         known = _invariants(pairs, torch.stack([larger, above, noise], dim=2))
         inner = self.inner((_of(cloud.features, asked) + self.place(known)).relu())
         inner = (inner + self.others(inner.amax(dim=1).relu())[:, None]).relu()
-        near, alike, onto, along, up, beside, slope = self.answer(inner).float().unbind(dim=2)
+        near, alike, *others = self.answer(inner).float().unbind(dim=2)
         squares = _dot(pairs.offset, pairs.offset)
-        onto, along, up, beside, slope = (a / ASKED for a in (onto, along, up, beside, slope))
-        # A height above a plane is `back`; to move onto it is to go so far against its normal.
+        onto, along, up, beside, slope = (multiples / ASKED for multiples in others)
+        # `back` is the height of the place above a plane. To move onto it, the place goes as far
+        # against the plane's normal.
         move = _sum((onto - (near - squares).softmax(dim=1)) * pairs.back, pairs.normals)
         move = move + _sum(along, pairs.offset)
         move = move + (up * pairs.height).sum(dim=1, keepdim=True) * nearest_normal
@@ -237,7 +254,7 @@ class Upsampler(nn.Module):
 
 
 def _zeros(width: int, numbers: int) -> nn.Linear:
-    """Return a layer that gives 0 before it is trained."""
+    """Return a layer whose outputs, `numbers` of them, are 0 before it is trained."""
     layer = nn.Linear(width, numbers)
     nn.init.zeros_(layer.weight)
     nn.init.zeros_(layer.bias)
@@ -245,17 +262,21 @@ def _zeros(width: int, numbers: int) -> nn.Linear:
 
 
 def _pairs(place: Tensor, normal: Tensor, others: Tensor, radius: Tensor) -> _Pairs:
-    """Return the pairs of places [Q, 3] and normals [Q, 3] with planes [Q, K, 6]."""
+    """Return pairs of planes, by their places [Q, 3] and normals [Q, 3], with others [Q, K, 6].
+
+    radius  [Q], > 0, the spacing at each of the first planes
+    """
     offset = (others[..., :3] - place[:, None]) / radius[:, None, None]
     normals, here = others[..., 3:], normal[:, None]
     return _Pairs(offset, normals, _dot(offset, here), -_dot(offset, normals), _dot(normals, here))
 
 
 def _invariants(pairs: _Pairs, also: Tensor) -> Tensor:
-    """Return numbers about pairs [Q, K, 8] that no turn and no sign of a normal changes.
+    """Return numbers that describe pairs, [Q, K, 8], and that no rotation and no sign changes.
 
-    They are distance, both heights, cosine, three that are given, and how much the surface bends
-    between the two: the product of their heights, of which the sign tells a bend from a step.
+    They are the distance, both heights, the cosine, how much the surface bends between the two, and
+    three given ones, `also` [Q, K, 3]. The bend is computed from the product of both heights, whose
+    sign distinguishes a bend from a step. The sign of a normal changes none of these numbers.
     """
     bend = pairs.cosine * pairs.height * pairs.back
     distance = (_dot(pairs.offset, pairs.offset) + _TINY).sqrt()
@@ -265,16 +286,19 @@ def _invariants(pairs: _Pairs, also: Tensor) -> Tensor:
 
 
 def _of(rows: Tensor, index: Tensor) -> Tensor:
-    """Return rows [M, ...] by an index of any shape; its gradient is cheaper than that of [...]."""
+    """Return rows of a tensor [M, ...] by an index of any shape.
+
+    Its gradient takes less time than that of `rows[index]`.
+    """
     return rows.index_select(0, index.flatten()).unflatten(0, index.shape)
 
 
 def _dot(first: Tensor, second: Tensor) -> Tensor:
-    """Return the products of vectors [..., 3]; faster than a sum over an axis of three."""
+    """Return the dot products of vectors [..., 3]; a sum over an axis of three would be slower."""
     a, b, c = (first * second).unbind(dim=-1)
     return a + b + c
 
 
 def _sum(multiples: Tensor, vectors: Tensor) -> Tensor:
-    """Return the sums [Q, 3] of multiples [Q, K] of vectors [Q, K, 3]."""
+    """Return the sums [Q, 3] over K of multiples [Q, K] of vectors [Q, K, 3]."""
     return (multiples[:, None] @ vectors)[:, 0]

@@ -143,7 +143,7 @@ LINE, PLANE = np.linspace(-1, 1, 500)[:, None] * [1, 0, 0], lattice_sphere(500) 
 TEN_PLACES = np.repeat(lattice_sphere(10), 5, axis=0)
 AWAY = TEN_PLACES + np.array([9, 0, 0])
 FEW_DIFFERENT = "points are different and nearer than the camera; surfaces need at least 11"
-FEW = "where the camera looks, a cube each; normals need at least 11"
+FEW = "where the camera looks, one for each grid cell; normals need at least 11"
 
 
 @pytest.mark.parametrize(
