@@ -1,7 +1,8 @@
-"""Checkpoints of a training run: one safetensors file, replaced atomically.
+"""Checkpoints of a training: one safetensors file, which is replaced atomically.
 
-The tensors hold networks, optimiser state and the state of the random generator; everything else is
-JSON in the file's header. A process killed at any moment leaves the previous checkpoint whole.
+Its tensors are those of the networks, of the optimisers and of the random generator; everything
+else is JSON in the file's header. If the process is killed while it writes, the previous checkpoint
+stays whole.
 """
 
 from __future__ import annotations
@@ -22,20 +23,26 @@ from learning.weights import (
     write_atomically,
 )
 
-FORMAT = "pc2pix-checkpoint-1"
-FILE_NAME = "checkpoint.safetensors"
+FORMAT = "pc2pix-checkpoint-1"  # of the files, in their headers
+FILE_NAME = "checkpoint.safetensors"  # in the output directory of a training
 
 
 def save(
     path: Path, kind: str, step: int, config: Mapping[str, Any], state: Mapping[str, Tensor]
 ) -> None:
-    """Write the checkpoint of a run of `kind` after `step` steps."""
+    """Write the checkpoint of a training.
+
+    kind    of the training, `NetworkTrainer.kind`
+    step    number of steps taken
+    config  of the training, as JSON has it
+    state   tensors by name, as `pack` returns them
+    """
     header = {"format": FORMAT, "kind": kind, "step": str(step), "config": json.dumps(config)}
     write_atomically(path, state, header)
 
 
 def load(path: Path, kind: str) -> tuple[dict[str, Tensor], int, dict[str, Any]]:
-    """Return state, number of steps done and configuration.
+    """Return state, number of steps taken and configuration of a checkpoint.
 
     Raises BadInput for anything but a checkpoint of `kind`.
     """
@@ -54,7 +61,7 @@ def load(path: Path, kind: str) -> tuple[dict[str, Tensor], int, dict[str, Any]]
 
 
 def pack(**parts: nn.Module | torch.optim.Optimizer | torch.Generator) -> dict[str, Tensor]:
-    """Return all state of the named parts as one flat table of tensors."""
+    """Return the whole state of the named parts as one dictionary of tensors, "PART.KEY"."""
     state: dict[str, Tensor] = {}
     for name, part in parts.items():
         if isinstance(part, nn.Module):
@@ -70,7 +77,7 @@ def pack(**parts: nn.Module | torch.optim.Optimizer | torch.Generator) -> dict[s
 def unpack(
     state: Mapping[str, Tensor], **parts: nn.Module | torch.optim.Optimizer | torch.Generator
 ) -> None:
-    """Put back in place what `pack` took out."""
+    """Put the state that `pack` returned into the same parts."""
     for name, part in parts.items():
         if isinstance(part, torch.Generator):
             part.set_state(state[name])
@@ -87,7 +94,7 @@ def _unpack_optimizer(state: Mapping[str, Tensor], optimizer: torch.optim.Optimi
         index, _, field = key.partition(".")
         parameter = parameters[int(index)]
         if value.shape == parameter.shape and value.dim() > 0:
-            # the parameter's memory layout, so that the arithmetic takes the same path as before
+            # In the parameter's memory layout: in another, rounding errors could differ.
             value = torch.empty_like(parameter, requires_grad=False).copy_(value)
         entries.setdefault(int(index), {})[field] = value
     whole = {"state": entries, "param_groups": optimizer.state_dict()["param_groups"]}
@@ -95,5 +102,5 @@ def _unpack_optimizer(state: Mapping[str, Tensor], optimizer: torch.optim.Optimi
 
 
 def all_finite(tensors: Iterable[Tensor]) -> bool:
-    """Return whether no floating-point tensor holds NaN or infinity."""
+    """Return whether no floating-point tensor has NaN or infinity in it."""
     return all(bool(t.isfinite().all()) for t in tensors if t.is_floating_point())

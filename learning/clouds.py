@@ -1,6 +1,7 @@
-"""Augmentation of clouds, batch by batch: points drawn from them, noise added.
+"""Degradation of the clouds that networks are trained on: fewer points, and noise.
 
-All randomness is a `torch.Generator` on the CPU, so that a resumed run goes on exactly.
+Random numbers are drawn from a given `torch.Generator` on the CPU. Its state is in checkpoints, so
+that a resumed training continues exactly.
 """
 
 from __future__ import annotations
@@ -10,9 +11,11 @@ from typing import NamedTuple
 import torch
 from torch import Tensor
 
-POINTS_SEEN = (2048, 2048, 1024, 512, 512)  # one of these for all clouds of a step
-MAX_NOISE = 0.12  # standard deviation, in radii of the unit sphere: a little beyond the paper's
-CLEAN_SHARE = 0.4  # of the clouds, which are shown without noise
+POINTS_SEEN = (2048, 2048, 1024, 512, 512)  # numbers of points, one of which a step's clouds have
+# Largest standard deviation of noise, in radii of the unit sphere: a little more than the paper's
+# strongest, 0.10.
+MAX_NOISE = 0.12
+CLEAN_SHARE = 0.4  # share of the clouds that get no noise
 
 
 class Degradation(NamedTuple):
@@ -44,20 +47,21 @@ def degrade(
 
 
 def draw_points(clouds: Tensor, count: int, random: torch.Generator) -> Tensor:
-    """Return [B, count, 3]: points of clouds [B, M, 3] in random order, none twice.
+    """Return `count` different points of each cloud, in random order, [B, count, 3].
 
-    count <= M.
+    clouds  [B, M, 3], M at least `count`
     """
     batch, available, _ = clouds.shape
-    # the order of random numbers is a random order, another one for each cloud
+    # Sorting random numbers gives a random order, a different one for each cloud.
     order = torch.rand(batch, available, generator=random).argsort(dim=1)[:, :count]
     return clouds.gather(1, order[:, :, None].expand(-1, -1, 3))
 
 
 def add_noise(points: Tensor, most: float, clean_share: float, random: torch.Generator) -> Tensor:
-    """Return clouds [B, N, 3] with Gaussian noise on all but about `clean_share` of them.
+    """Return clouds [B, N, 3] with Gaussian noise.
 
-    The standard deviation of a cloud's noise is drawn from 0..most.
+    most         the standard deviation of a cloud's noise is drawn uniformly from 0..most
+    clean_share  probability that a cloud gets no noise
     """
     sigma = torch.rand(len(points), 1, 1, generator=random) * most
     noisy = torch.rand(len(points), 1, 1, generator=random) >= clean_share

@@ -1,4 +1,4 @@
-"""The part that configurations of all trainings share; command lines load it without PyTorch."""
+"""What the configurations of all trainings share. Command lines read it, hence without PyTorch."""
 
 from __future__ import annotations
 
@@ -12,7 +12,12 @@ Precision = Literal["float32", "bfloat16"]
 
 @dataclass(frozen=True)
 class Cadence:
-    """The intervals, in steps, at which something is written."""
+    """The numbers of steps between two times that a training writes something.
+
+    log         a row of losses, and a line on the screen
+    sheet       an image of the progress
+    checkpoint  the checkpoint
+    """
 
     log: int = 10
     sheet: int = 500
@@ -24,16 +29,21 @@ DEFAULT_CADENCE = Cadence()
 
 @dataclass(frozen=True)
 class TimeLimit:
-    """The seconds that a command may take, counted from when this is made; `text` states them."""
+    """A limit of the time that a command may take, counted from when this object is made.
+
+    seconds  the time
+    text     the time as the user gave it
+    clock    returns seconds
+    """
 
     seconds: float
     text: str
-    clock: Callable[[], float] = lambda: time.monotonic()  # tests replace it
+    clock: Callable[[], float] = lambda: time.monotonic()
     started: float = field(init=False)
 
     def __post_init__(self) -> None:
         object.__setattr__(self, "started", self.clock())
 
     def left_s(self) -> float:
-        """Return the seconds that are left; below zero where the time is over."""
+        """Return the seconds that are left; a negative number when the time is over."""
         return self.started + self.seconds - self.clock()

@@ -1,4 +1,4 @@
-"""The arithmetic in which networks draw and measure: float32 in full, on every device."""
+"""The arithmetic of networks that draw and measure: full float32 on every device."""
 
 from __future__ import annotations
 
@@ -10,13 +10,13 @@ import torch
 
 @contextmanager
 def exact_inference() -> Iterator[None]:
-    """Compute without gradients and in full float32 within the block, also on a GPU.
+    """Compute in full float32, deterministically and without gradients within the block.
 
-    TensorFloat-32, PyTorch's default for convolutions on a GPU, keeps 10 of the 23 bits behind the
-    point: features move in the fourth digit, and images by a grey level in one of 120 to 430
-    pixel values; in full float32 features agree with a CPU's to 2e-6, one value in 80,000 or fewer
-    moves, and nothing takes longer (one NVIDIA H200). Kernels are deterministic for the same
-    reason: the same input has the same values each time. Nothing of it changes a bit on a CPU.
+    PyTorch's default for convolutions on a GPU is TensorFloat-32, which keeps 10 of the 23 bits of
+    a fraction. Features then differ from those of a CPU in the fourth digit, and one in 120 to 430
+    values of an image by a grey level. In full float32, features agree to 2e-6 and all but one in
+    80,000 values of an image, and nothing takes longer (on an NVIDIA H200). Deterministic kernels
+    give the same result each time. On a CPU none of this changes a bit.
     """
     exact = torch.backends.cudnn.flags(enabled=True, deterministic=True, allow_tf32=False)
     with torch.inference_mode(), exact:

@@ -1,6 +1,6 @@
-"""Losses between drawn images and true ones: SSIM, and L1 weighted by what is object, plus SSIM.
+"""Losses between drawn images and true ones: SSIM, and a weighted absolute error plus SSIM.
 
-SSIM is the benchmark's own score, differentiable. Weights that were trained with it say so.
+SSIM is also a score of the benchmark. The cards of weights that were trained with it say so.
 """
 
 from __future__ import annotations
@@ -10,19 +10,25 @@ import functools
 import torch
 from torch import Tensor
 
-_WINDOW, _SIGMA = 11, 1.5
-_EVERY = 2  # windows, across and down: neighbours say the same, and it costs a quarter
-_C1, _C2 = 0.01**2, 0.03**2
-FOREGROUND_WEIGHT = 3.0  # thin parts are few pixels
+_WINDOW, _SIGMA = 11, 1.5  # pixels: side and standard deviation of the Gaussian window, as usual
+# Pixels between the windows that are taken, across and down. With 2 this takes a quarter of the
+# time, and neighbouring windows overlap so much that the mean hardly changes.
+_EVERY = 2
+_C1, _C2 = 0.01**2, 0.03**2  # the usual constants of SSIM, for values in 0..1
+# Weight of the error of a pixel of the object, where that of a pixel of the background is 1: thin
+# parts have few pixels.
+FOREGROUND_WEIGHT = 3.0
 
 
 def weighted_error(
     drawn: Tensor, real: Tensor, is_object: Tensor, structure_weight: float
 ) -> Tensor:
-    """Return the mean absolute error plus `structure_weight` times 1 - SSIM; a scalar.
+    """Return a weighted mean absolute error plus `structure_weight` times 1 - SSIM, a scalar.
 
-    After Zhao et al. 2017, who mix L1 with MS-SSIM. Images [B, C, H, W] in [0, 1], H and W at least
-    11; pixels of the object, bool [B, 1, H, W], count FOREGROUND_WEIGHT times.
+    drawn, real  images [B, C, H, W] in [0, 1], H and W at least 11
+    is_object    bool [B, 1, H, W]: the pixels whose absolute errors count FOREGROUND_WEIGHT times
+
+    Zhao et al. 2017 mix the absolute error with MS-SSIM likewise.
     """
     weight = torch.where(is_object, FOREGROUND_WEIGHT, 1.0)
     absolute = (weight * (drawn - real).abs()).mean()
@@ -30,13 +36,12 @@ def weighted_error(
 
 
 def structural_similarity(a: Tensor, b: Tensor) -> Tensor:
-    """Return the mean SSIM of images [B, C, H, W] in [0, 1], differentiable; a scalar.
+    """Return the mean SSIM of images, a differentiable scalar, which is not clipped.
 
-    It is not clipped.
+    a, b   images [B, C, H, W] in [0, 1], H and W at least 11; either B may be 1
 
-    Window and constants are those of the metric (11x11 Gaussian, sigma 1.5, valid windows only),
-    but of the windows only every second one (`_EVERY`), across and down, is taken.
-    Either B may be 1.
+    Window and constants are those of the benchmark's metric: 11x11 pixels, a Gaussian with a sigma
+    of 1.5, and of the windows that lie wholly within the image one in two, across and down.
     """
     moments = torch.broadcast_tensors(a, b, a * a, b * b, a * b)
     means = _window_means(torch.stack(moments))
@@ -48,9 +53,10 @@ def structural_similarity(a: Tensor, b: Tensor) -> Tensor:
 
 
 def _window_means(x: Tensor) -> Tensor:
-    """Return Gaussian means [..., h, w] of [..., H, W], by matrix products.
+    """Return the Gaussian means of the windows of planes [..., H, W], as [..., h, w].
 
-    PyTorch's convolution of single planes is forty times as slow on a CPU, backwards above all.
+    They are two matrix products. PyTorch's convolution of single planes takes forty times as long
+    on a CPU, most of it backwards.
     """
     height, width = (_window_matrix(size).to(x) for size in x.shape[-2:])
     return height @ (x @ width.mT)
@@ -58,7 +64,7 @@ def _window_means(x: Tensor) -> Tensor:
 
 @functools.cache
 def _window_matrix(size: int) -> Tensor:
-    """Return the matrix [n, size] of window weights: row i is around pixel _EVERY * i + 5."""
+    """Return the weights of n windows, [n, size]: those of row i are centred at _EVERY * i + 5."""
     weights = torch.exp(-(torch.arange(_WINDOW) - _WINDOW // 2).square() / (2 * _SIGMA**2))
     weights = weights / weights.sum()
     starts = range(0, size - _WINDOW + 1, _EVERY)

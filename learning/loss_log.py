@@ -26,9 +26,11 @@ _LOG_RATIO = 20.0  # between the largest and the smallest smoothed value
 
 
 class LossLog:
-    """A writer that appends to `losses.csv`.
+    """A writer that appends rows to `losses.csv`.
 
-    Rows after `step` belong to a run that was cut off, and are dropped.
+    path  of the file
+    step  of the checkpoint that training continues from. Rows of later steps are dropped: they were
+          written before the training was interrupted, and these steps are taken again
     """
 
     def __init__(self, path: Path, step: int) -> None:
@@ -38,12 +40,13 @@ class LossLog:
         self.has_header = bool(kept)
 
     def add(self, step: int, losses: Mapping[str, float]) -> None:
-        """Write a row, and the header before the first one."""
+        """Write the losses of a step as a row, and before the first row the header."""
+        numbers = [f"{value:.6g}" for value in losses.values()]
         with self.path.open("a") as file:
             if not self.has_header:
                 file.write(",".join(["step", *losses]) + "\n")
                 self.has_header = True
-            file.write(",".join([str(step), *(f"{v:.6g}" for v in losses.values())]) + "\n")
+            file.write(",".join([str(step), *numbers]) + "\n")
 
 
 def read_losses(

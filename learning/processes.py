@@ -1,14 +1,14 @@
-"""Training by several processes at once, one a GPU or CPU, as `torchrun` starts them.
+"""Training by several processes at once, one for each GPU or CPU, as `torchrun` starts them.
 
-Every process holds whole networks and draws batches of its own from a stream of its own; gradients
-are averaged before each optimiser step, so that weights stay the same everywhere and the batch is
-`count` times as large. Lightning Fabric (extra `distributed`) connects the processes; one process
-alone needs nothing.
+Every process has the whole networks, and draws batches of its own with a random generator of its
+own. Gradients are averaged before each optimiser step, so that weights stay the same in all
+processes, and the batch is `count` times as large. Lightning Fabric (extra `distributed`) connects
+the processes; a single process does not need it.
 
-What is not averaged: BatchNorm's batch statistics are those of each process's own batch, and its
-moving statistics with them; process 0's are what is saved. They touch no gradient: networks train
-on batch statistics. The vectors of spectral normalisation follow from the weights alone, hence are
-the same everywhere.
+BatchNorm's statistics are not averaged. Each process normalises by those of its own batch, and has
+moving statistics of its own; those of process 0 are saved. Moving statistics change no gradient,
+because networks train on those of batches. The vectors of spectral normalisation are the same in
+all processes, because they follow from the weights alone.
 """
 
 from __future__ import annotations
@@ -31,16 +31,19 @@ Name = TypeVar("Name")
 
 
 class Processes:
-    """The processes of a training: this one alone, where nothing is averaged.
+    """The processes of a training. This base class is for one process, where nothing is averaged.
 
-    Of several, every method but `random` waits until all have called it.
+    rank   number of this process, from 0
+    count  number of all processes
+
+    With several processes, every method but `random` waits until all of them have called it.
     """
 
     rank = 0
     count = 1
 
     def random(self, seed: int) -> torch.Generator:
-        """Return this process's random stream; that of process 0 is PyTorch's for `seed`."""
+        """Return the random generator of this process; process 0 has PyTorch's own for `seed`."""
         return torch.Generator().manual_seed(seed)
 
     def average_gradients(self, parameters: Iterable[nn.Parameter]) -> None:
@@ -51,7 +54,10 @@ class Processes:
         return dict(values)
 
     def gather(self, tensor: Tensor) -> list[Tensor]:
-        """Return the tensors of all processes, by rank, on the CPU. Shapes must agree."""
+        """Return the tensors of all processes, in the order of ranks, on the CPU.
+
+        They must have the same shape.
+        """
         return [tensor]
 
 
@@ -73,7 +79,7 @@ class _FabricProcesses(Processes):
 
     @torch.no_grad()
     def average_gradients(self, parameters: Iterable[nn.Parameter]) -> None:
-        """Average all gradients in one message.
+        """Replace all gradients by their means over the processes, in one message.
 
         The same parameters must have gradients in all processes.
         """
@@ -85,9 +91,9 @@ class _FabricProcesses(Processes):
             gradient.copy_(mean.view(gradient.shape))
 
     def average(self, values: Mapping[Name, float]) -> dict[Name, float]:
-        """Return means in float64.
+        """Return the mean of each value over the processes, computed in float64.
 
-        All processes pass the same names in the same order.
+        All processes must pass the same names in the same order.
         """
         numbers = torch.tensor(list(values.values()), dtype=torch.float64)
         numbers = numbers.to(self.fabric.device)
@@ -95,9 +101,9 @@ class _FabricProcesses(Processes):
         return dict(zip(values, numbers.tolist(), strict=True))
 
     def gather(self, tensor: Tensor) -> list[Tensor]:
-        """Return all tensors without rounding.
+        """Return the tensors of all processes, without rounding.
 
-        They are the sum of tables in which each process has filled its own row.
+        Each process fills its own row of a table of zeros, and the tables are added up.
         """
         table = tensor.new_zeros(self.count, *tensor.shape, device=self.fabric.device)
         table[self.rank] = tensor
@@ -114,14 +120,19 @@ def is_first() -> bool:
 
 
 def local_rank() -> int | None:
-    """Return this process's number on its machine; None unless there are several processes."""
-    return _from_torchrun("LOCAL_RANK", 0) if _from_torchrun("WORLD_SIZE", 1) > 1 else None
+    """Return the number of this process on its machine; None where there is only one process."""
+    if _from_torchrun("WORLD_SIZE", 1) == 1:
+        return None
+    return _from_torchrun("LOCAL_RANK", 0)
 
 
 def connect(device: torch.device) -> Processes:
-    """Return the processes that `torchrun` started, or this one alone.
+    """Return the processes that `torchrun` started, or this one where it did not.
 
-    Raises MissingDependency where there are several and Fabric is not installed.
+    device  type of device that each process trains on
+
+    Raises BadInput where a machine has more processes than GPUs, and MissingDependency where there
+    are several processes and Lightning Fabric is not installed.
     """
     count = _from_torchrun("WORLD_SIZE", 1)
     if count == 1:
@@ -139,7 +150,7 @@ def connect(device: torch.device) -> Processes:
             f"torchrun started {count} processes, and training with more than one needs Lightning "
             "Fabric; pip install 'pc2pix-bench[distributed]', or start one process"
         ) from None
-    # which would have every process announce itself on standard error
+    # Otherwise Fabric writes a line for every process on standard error.
     logging.getLogger("lightning_fabric").setLevel(logging.WARNING)
     fabric = Fabric(
         accelerator=device.type,
@@ -147,10 +158,13 @@ def connect(device: torch.device) -> Processes:
         num_nodes=_from_torchrun("GROUP_WORLD_SIZE", 1),
         strategy="ddp",
     )
-    fabric.launch()  # the processes are there already: this connects them
+    fabric.launch()  # `torchrun` has started the processes, so this only connects them
     return _FabricProcesses(fabric)
 
 
 def _from_torchrun(name: str, default: int) -> int:
-    # other launchers set WORLD_SIZE too, for purposes of their own
-    return int(os.environ.get(name, default)) if "TORCHELASTIC_RUN_ID" in os.environ else default
+    """Return the number in an environment variable of `torchrun`, or `default` without it."""
+    # Other launchers also set WORLD_SIZE, with another meaning; this one only `torchrun` sets.
+    if "TORCHELASTIC_RUN_ID" not in os.environ:
+        return default
+    return int(os.environ.get(name, default))

@@ -1,4 +1,4 @@
-"""State, averages, mixed precision and optimiser steps that all trainers of networks share."""
+"""What all trainers of networks share: state, averages, mixed precision and optimiser steps."""
 
 from __future__ import annotations
 
@@ -21,16 +21,22 @@ CPU = torch.device("cpu")
 
 
 class NetworkTrainer:
-    """A base of trainings, as `learning.training_loop` sees them; subclasses have a step.
+    """A base class of trainers, with what `learning.training_loop` calls; subclasses take steps.
 
-    kind   of checkpoints
-    batch  images, or clouds, of a step
-    parts  networks, optimisers and the random generator: attributes, as a checkpoint names them
-    kept   further attributes, tensors, that the next step depends on
+    These are attributes of the class:
 
-    The configuration has at least `steps`, a `seed`, a `cadence`, and a `precision` where
-    `autocast` is used. What is learned from are arrays, or networks, dataclasses, mappings and
-    tuples of them.
+    kind   name of the training in its checkpoints
+    batch  number of images, or clouds, of a step
+    parts  names of the attributes that are networks, optimisers and the random generator; their
+           state is in checkpoints
+    kept   names of further attributes in checkpoints: tensors that the next step depends on
+
+    And these are given to the constructor:
+
+    learned    what is learned from: arrays, networks, or dataclasses, mappings and tuples of these
+    config     has at least `steps`, `seed` and `cadence`, and `precision` where `autocast` is used
+    device     where the networks are
+    processes  that train together
     """
 
     kind: str
@@ -50,23 +56,26 @@ class NetworkTrainer:
     def take_step(self) -> dict[str, Tensor]:
         """Take one step of optimisation and return the losses by name.
 
-        They are detached scalars of one device, under the same names in every step. To read a value
-        would wait for the device: the loop does, and only for what is logged.
+        They are detached scalar tensors on one device, with the same names in every step. They are
+        not read here, because that would wait for the device; the loop reads those that it logs.
         """
         raise NotImplementedError
 
     def learning_rates(self, steps: int) -> str:
-        """Return the rates of the first `steps` steps, in words for the card of the weights."""
+        """Return the learning rates of the first `steps` steps in words, for the weights' card."""
         raise NotImplementedError
 
     def sheet(self) -> NDArray[np.uint8] | None:
-        """Return an image [H, W, 3] of the training's progress, without changing it; or None."""
+        """Return an image [H, W, 3] of the training's progress, or None if it has none.
+
+        This does not change the training.
+        """
         return None
 
     def independent_steps(self, steps: int) -> int | None:
-        """Return how many of `steps` steps are the same in a training of any length; None: all.
+        """Return how many first steps of a training of `steps` steps do not depend on its length.
 
-        A learning rate that falls at the end depends on where the end is.
+        The last steps depend on it where the learning rate falls at the end. None: no step does.
         """
         return None
 
@@ -76,17 +85,17 @@ class NetworkTrainer:
         return packed | {name: getattr(self, name) for name in self.kept}
 
     def restore(self, state: Mapping[str, Tensor]) -> None:
-        """Restore what `state` has returned."""
+        """Put the tensors that `state` has returned back in place."""
         checkpoint.unpack(state, **{name: getattr(self, name) for name in self.parts})
         for name in self.kept:
             setattr(self, name, state[name].clone())
 
     def fingerprint(self) -> str:
-        """Return a checksum of what is learned from, so that a run is not continued on other."""
+        """Return a sha256 of what is learned from; a run is not continued on other data."""
         return hash_arrays(*_arrays(self.learned))
 
     def autocast(self) -> torch.autocast:
-        """Return a context of mixed precision where the configuration asks for it."""
+        """Return a context of mixed precision, which does nothing for the precision "float32"."""
         enabled = self.config.precision == "bfloat16"
         return torch.autocast(self.device.type, torch.bfloat16, enabled=enabled)
 
@@ -95,7 +104,7 @@ class NetworkTrainer:
     ) -> None:
         """Take one step of the optimiser with the mean gradients of all processes.
 
-        rate  the learning rate of this step; None: that of the step before
+        rate  learning rate of this step; None for that of the step before
         """
         groups = optimizer.param_groups
         optimizer.zero_grad()
@@ -108,14 +117,15 @@ class NetworkTrainer:
 
 
 class CooledTrainer(NetworkTrainer):
-    """A trainer whose learning rate is constant, then falls to nothing over the last steps.
+    """A base class of trainers whose learning rate is constant and falls to 0 at the end.
 
-    The configuration has `learning_rate`, `steps` and `cool_down`, the number of these last steps.
-    A `network` is trained by `adam`, and what is exported is its `average`.
+    The configuration has `learning_rate`, `steps`, `cool_down`, the number of last steps over which
+    the rate falls, and `ema_decay`. The attribute `network` is trained by `adam`; `average`, the
+    moving average of its weights, is what is exported.
     """
 
     def build(self, network: nn.Module) -> None:
-        """Take the network to train, and make its average and its optimiser."""
+        """Set the network that is trained, its average and its optimiser."""
         self.batch = self.config.batch
         self.network = network.to(self.device)
         self.average = averaged(self.network)
@@ -123,13 +133,13 @@ class CooledTrainer(NetworkTrainer):
         self.adam = torch.optim.Adam(self.network.parameters(), lr=rate, fused=True)
 
     def learn(self, loss: Tensor) -> None:
-        """Take a step of the network, and move the average."""
+        """Take a step of the network by a loss, and move the average."""
         self.minimise(loss, self.adam, self.rate(int(self.steps_done)))
         self.steps_done += 1
         update(self.average, self.network, self.config.ema_decay, int(self.steps_done))
 
     def rate(self, done: int) -> float:
-        """Return the learning rate of the step after `done` steps."""
+        """Return the learning rate of the step that follows `done` steps."""
         left = self.config.steps - done
         return self.config.learning_rate * min(1.0, left / max(1, self.config.cool_down))
 
@@ -138,7 +148,7 @@ class CooledTrainer(NetworkTrainer):
         return max(0, steps - self.config.cool_down)
 
     def learning_rates(self, steps: int) -> str:
-        """Return the whole schedule in words."""
+        """Return the learning rates of the first `steps` steps in words."""
         last = f"{self.rate(steps - 1):g} at step {steps}"
         constant = min(steps, self.config.steps - max(1, self.config.cool_down) + 1)
         if constant < 1:
@@ -150,16 +160,19 @@ class CooledTrainer(NetworkTrainer):
 
 
 def averaged(network: _NetworkT) -> _NetworkT:
-    """Return a copy in evaluation mode, to be moved by `update`."""
+    """Return a copy of a network in evaluation mode, which `update` moves."""
     return copy.deepcopy(network).eval().requires_grad_(False)
 
 
 @torch.no_grad()
 def update(average: nn.Module, current: nn.Module, decay: float, step: int) -> None:
-    """Move `average` towards `current`, weights and BatchNorm statistics, after `step` steps.
+    """Move the weights and BatchNorm statistics of `average` towards those of `current`.
 
-    The memory is shorter at the start, min(decay, (1 + step) / (10 + step)), so that the random
-    weights that training began with are soon forgotten. Counters are copied.
+    decay  weight of the average; that of `current` is 1 - decay
+    step   number of steps taken. At the start of a training (1 + step) / (10 + step) is used where
+           it is less than `decay`, so that the random weights are soon forgotten
+
+    BatchNorm's counters are copied.
     """
     decay = min(decay, (1 + step) / (10 + step))
     state = current.state_dict()
@@ -172,11 +185,12 @@ def update(average: nn.Module, current: nn.Module, decay: float, step: int) -> N
 
 @torch.no_grad()
 def take_statistics(current: nn.Module, average: nn.Module) -> None:
-    """Make BatchNorms of `current`, in training mode, normalise by the statistics of `average`.
+    """Make the BatchNorms of `current` normalise by the statistics of `average`, as at inference.
 
-    A batch whose clouds all have few points normalises itself in training, but not at inference,
-    where statistics are of all batches. Trained on to the end like that, splat-net lost .05 of SSIM
-    at 512 points; what is trained last has to be what draws.
+    In training BatchNorm usually normalises by the statistics of the batch, and all clouds of a
+    batch have the same number of points. At inference it normalises by statistics of all batches,
+    which fit clouds of few points less well. Trained to the end with those of batches, splat-net
+    lost .05 of SSIM at 512 points. So the last steps train the network as it will draw.
     """
     others = dict(average.named_modules())
     for name, module in current.named_modules():
@@ -187,7 +201,7 @@ def take_statistics(current: nn.Module, average: nn.Module) -> None:
 
 
 def hash_arrays(*arrays: NDArray[Any]) -> str:
-    """Return a fingerprint of training data."""
+    """Return a sha256 of arrays: of their types, shapes and values."""
     digest = hashlib.sha256()
     for array in arrays:
         digest.update(f"{array.dtype}{array.shape}".encode())
@@ -196,7 +210,7 @@ def hash_arrays(*arrays: NDArray[Any]) -> str:
 
 
 def _arrays(learned: Any) -> Iterator[NDArray[Any]]:
-    """Yield the arrays of data, in their order."""
+    """Yield all arrays in training data, in their order, as NumPy arrays."""
     if isinstance(learned, nn.Module):
         learned = learned.state_dict()
     elif is_dataclass(learned):

@@ -1,9 +1,8 @@
-"""The loop of all trainings: resuming, logging, sample sheets, checkpoints, stopping on NaN.
+"""The loop of all trainings: steps, logging, sheets of images, checkpoints, and resuming.
 
-A run lives in one directory: `checkpoint.safetensors`, `losses.csv` and its image `losses.png`,
-`sheets/step-*.png`. It continues from its checkpoint whenever it is started again; on a CPU in
-float32 the continued run is bit for bit the uninterrupted one (same number of threads, and of
-processes).
+A training writes all its files into one directory. When it is started again there, it continues
+from its checkpoint. On a CPU in float32, with the same numbers of threads and of processes, the
+result is the same, bit for bit, as without the interruption.
 """
 
 from __future__ import annotations
@@ -35,21 +34,27 @@ from learning.trainer import NetworkTrainer
 from learning.weights import understanding_header
 
 _Built = TypeVar("_Built")
-_RATE_WINDOW_S = 60.0
-_MARGIN, _MARGIN_S = 0.01, 2.0  # of a time limit, and s: the start and the end of the process
+_RATE_WINDOW_S = 60.0  # seconds over which the speed of a training is measured
+# A training with a time limit keeps this share of it, and so many seconds more, for the start and
+# the end of the process.
+_MARGIN, _MARGIN_S = 0.01, 2.0
+# Parts of the configuration that a continued training may have other values of.
 _MAY_CHANGE_ON_RESUME = ("steps", "cadence", "source")
-FULL_RATE = "checkpoint-full-rate.safetensors"  # of the last step before the learning rate falls
-_RANDOM = "random"  # where a trainer's state holds the state of its random generator
+# The checkpoint of the last step before the learning rate falls. It is kept, because a training
+# that is made longer afterwards has to continue from it.
+FULL_RATE = "checkpoint-full-rate.safetensors"
+_RANDOM = "random"  # name of the random generator's state in the state of a trainer
 
 
 @dataclass(frozen=True)
 class StepReport:
-    """The progress after `step` of `steps` steps.
+    """The progress of a training after `step` of `steps` steps.
 
-    losses        means over the processes
-    images        of all steps, those before a resume included
-    images_per_s  of all processes, over the last minute, sheets and checkpoints included
-    seconds_left  at that rate; both are None until a second step has been timed
+    losses        of the step, as means over the processes
+    images        number of images in all steps so far, also those before the training was continued
+    images_per_s  images of all processes in a second, over the last minute, in which sheets and
+                  checkpoints were also written; None until two steps have been timed
+    seconds_left  for the other steps at that speed; None likewise
     """
 
     step: int
@@ -76,12 +81,13 @@ _OnProgress = Callable[[StepReport], None]
 
 @contextmanager
 def denormals_flushed() -> Generator[None]:
-    """Count denormal numbers as zeros inside.
+    """Let the processor treat denormal numbers as zeros within the block.
 
-    They slow training on a CPU by up to seven times. This is a setting of the calling thread,
-    restored at the end, and of threads that start meanwhile.
+    Such numbers make training on a CPU up to seven times as slow. The setting is one of the calling
+    thread, and of threads that it starts within the block; it is restored at the end.
     """
-    before = sys.float_info.min / 2 == 0.0  # PyTorch sets it, but has no function that returns it
+    # PyTorch can change the setting but not tell it. Half of the least normal number is denormal.
+    before = sys.float_info.min / 2 == 0.0
     torch.set_flush_denormal(True)
     try:
         yield
@@ -102,17 +108,24 @@ def train(
     source: str = "",
     **further: Any,
 ) -> Path:
-    """Train to `config.steps`, continuing a run in `out_dir`, and return the checkpoint's path.
+    """Train for `config.steps` steps, and return the path of the checkpoint.
 
-    Under `torchrun` all processes train together, each with `config.batch` images a step.
+    Where `out_dir` has a checkpoint, training continues from it. Under `torchrun` all processes
+    train together, each with `config.batch` images in a step.
 
-    kind     the class of the trainer, which takes `learned`, `config`, device, processes, `further`
-    learned  what is learned from (see `NetworkTrainer`)
+    kind         class of the trainer; it is called with `learned`, `config`, the device, the
+                 processes, and `further` as keyword arguments
+    learned      what is learned from (see `NetworkTrainer`)
+    device       "cpu", "cuda", or "auto" for a GPU where there is one
+    on_progress  called with a report after each step that is logged
+    limit, source
+                 see `run`
 
-    Raises as `prepare_device`, `learning.processes.connect` and `run`.
+    Raises as `prepare_device`, `learning.processes.connect` and `run` do.
     """
     torch_device = prepare_device(device)
-    torch.backends.cudnn.benchmark = torch_device.type == "cuda"  # shapes hardly change
+    # Let cuDNN find its fastest kernels by trying: this pays because shapes hardly ever change.
+    torch.backends.cudnn.benchmark = torch_device.type == "cuda"
     trainer = kind(learned, config, torch_device, connect(torch_device), **further)
     return run(trainer, out_dir, on_progress, limit, source)
 
@@ -124,28 +137,33 @@ def run(
     limit: TimeLimit | None = None,
     source: str = "",
 ) -> Path:
-    """Train to the steps of the configuration and return the path of the checkpoint.
+    """Train for the steps of the configuration, and return the path of the checkpoint.
 
-    Continues from a checkpoint in `out_dir`. Where the number of steps has changed, the result is
-    that of a training of that length from the beginning: a checkpoint whose last steps depend on
-    the old length is replaced by the one that was kept from before them (FULL_RATE).
+    Training continues from a checkpoint in `out_dir`, if there is one. The number of steps may have
+    changed since; the result is then that of a training which had this number from the beginning.
+    Where the checkpoint's last steps depended on the old number, because the learning rate fell in
+    them, training continues from the checkpoint that was kept from before (FULL_RATE).
 
-    limit   ends a training before its last step, early enough to write what the end writes, twice
-            over; how long that takes is seen after the first step, which has a checkpoint for it
-    source  names what the data were made of: data of the same source are continued on though other
-            drivers or processors have made other bits of them; "": equal bits only
+    Where there are several processes, all of them call this, and the first one writes and reports.
+
+    limit   a time after which training ends before its last step. It ends early enough that what
+            is written at the end could be written twice; a checkpoint after the first step shows
+            how long that takes
+    source  name of what the data were made from. Another driver or processor makes data that differ
+            in some bits; with the same source a training continues on them all the same. With ""
+            it continues only on data with the same bits
 
     Raises BadInput where the checkpoint belongs to another configuration, other data or another
-    number of processes, has more steps, or is past the steps that both lengths have in common and
-    no earlier one was kept; TrainingDiverged on NaN, infinity or a loss that explodes. Of several
-    processes all call this, and the first one writes and reports.
+    number of processes; where it has more steps; and where its last steps depended on the old
+    number of steps and no earlier checkpoint was kept. Raises TrainingDiverged where a loss or a
+    weight is NaN or infinite, and where a loss explodes.
     """
     config, processes = trainer.config, trainer.processes
     path, losses_csv = out_dir / checkpoint.FILE_NAME, out_dir / loss_log.FILE_NAME
     for file in (path, losses_csv):
-        if file.exists() and not file.is_file():  # a pipe would be waited for
+        if file.exists() and not file.is_file():  # reading a pipe would wait without end
             raise BadInput(f"{file}: no regular file; remove it, or use another output directory")
-    # as a checkpoint gives it back: in JSON tuples are lists
+    # Through JSON, which makes lists of tuples, so that it can be compared with a checkpoint's.
     stated = dataclasses.asdict(config) | {"data": trainer.fingerprint(), "source": source}
     identity = json.loads(json.dumps(stated))
     first = _resume(trainer, identity, path) if path.is_file() else 0
@@ -164,8 +182,9 @@ def run(
     ending = _Ending(limit, processes)
 
     def stopped(step: int, what: str) -> str:
-        good = f"last good checkpoint: step {last_saved}, {path}"
-        return f"step {step}: {what}; {good if last_saved is not None else 'no checkpoint yet'}"
+        if last_saved is None:
+            return f"step {step}: {what}; no checkpoint yet"
+        return f"step {step}: {what}; last good checkpoint: step {last_saved}, {path}"
 
     def diverged(step: int, what: str) -> TrainingDiverged:
         return TrainingDiverged(stopped(step, what))
@@ -191,14 +210,21 @@ def run(
                         raise diverged(number, f"{name} is {value}")
             unread.clear()
         if logs:
-            # before the checkpoint of the same step: then every step of a checkpoint is logged
+            # A row is written before the checkpoint of the same step, so that a checkpoint never
+            # has a step that is not logged.
             if rows:
                 rows.add(step, losses)
                 images = trainer.batch * processes.count
                 speed = rate.steps_per_s()
-                left = config.steps - step
-                pace = (speed * images, left / speed) if speed else (None, None)
-                on_progress(StepReport(step, config.steps, losses, step * images, *pace))
+                report = StepReport(
+                    step=step,
+                    steps=config.steps,
+                    losses=losses,
+                    images=step * images,
+                    images_per_s=speed * images if speed else None,
+                    seconds_left=(config.steps - step) / speed if speed else None,
+                )
+                on_progress(report)
             if problem := detector.add(losses):
                 raise diverged(step, problem)
         if saves:
@@ -221,23 +247,31 @@ def run(
         if last:
             break
         ending.note(saved=saves)
-    processes.average({"done": 1.0})  # nobody goes on before the checkpoint is there for all
+    # All processes wait for each other here: none goes on before the checkpoint is written.
+    processes.average({"done": 1.0})
     return path
 
 
 def _read(unread: list[dict[str, Tensor]], processes: Processes) -> list[dict[str, float]]:
-    """Return the losses of each step, as means over the processes, in one transfer."""
-    table = torch.stack([torch.stack([*losses.values()]) for losses in unread])
+    """Return the losses of each step as means over the processes.
+
+    They are read from the device in one transfer.
+    """
+    table = torch.stack([torch.stack(list(losses.values())) for losses in unread])
     means = processes.average(dict(enumerate(table.flatten().tolist())))
     rows = np.reshape(list(means.values()), table.shape).tolist()
     return [dict(zip(unread[0], row, strict=True)) for row in rows]
 
 
 def _resume(trainer: NetworkTrainer, identity: Mapping[str, Any], path: Path) -> int:
-    """Restore the trainer from `path` or its kept copy, and return the steps it has taken."""
+    """Restore the trainer from a checkpoint, and return the number of steps that it has taken.
+
+    It is the one at `path`, or the one that was kept from before the learning rate fell.
+    """
     state, step, planned = _load(trainer, identity, path)
     steps = identity["steps"]
-    independent = [trainer.independent_steps(length) for length in (planned, steps)]
+    # The first steps that trainings of both lengths have in common.
+    independent = [trainer.independent_steps(planned), trainer.independent_steps(steps)]
     common = min((count for count in independent if count is not None), default=step)
     if steps != planned and step > common:
         problem = (
@@ -269,9 +303,9 @@ def _resume(trainer: NetworkTrainer, identity: Mapping[str, Any], path: Path) ->
 def _load(
     trainer: NetworkTrainer, identity: Mapping[str, Any], path: Path
 ) -> tuple[dict[str, Tensor], int, int]:
-    """Return this process's state, the steps taken and the steps planned, of a checkpoint.
+    """Return the state of this process, the steps taken and the steps planned of a checkpoint.
 
-    Raises BadInput where it is not of this training.
+    Raises BadInput where the checkpoint is not of this training.
     """
     state, step, config = checkpoint.load(path, trainer.kind)
     processes = trainer.processes
@@ -284,14 +318,15 @@ def _load(
             )
     if same_source and config["data"] != identity["data"] and processes.rank == 0:
         log(
-            f"{path}: the data are of the same objects but not bit for bit what it was trained on "
-            "(another processor or driver); going on, not exactly as there"
+            f"{path}: the data are of the same objects as those that it was trained on, but some "
+            "bits differ (another processor or driver made them); training continues, and its "
+            "result will differ a little"
         )
     count = 1 + sum(key.startswith(f"{_RANDOM}-") for key in state)
     if count != processes.count:
         raise BadInput(
             f"{path}: trained by {count} process(es), this is a run of {processes.count}; start "
-            f"as many (torchrun --nproc_per_node {count}) or use another output directory"
+            f"{count} (torchrun --nproc_per_node {count}) or use another output directory"
         )
     if processes.rank > 0:
         state[_RANDOM] = state[_random_of(processes.rank)]
@@ -309,13 +344,14 @@ def _whole_state(trainer: NetworkTrainer) -> dict[str, Tensor]:
 
 
 def _random_of(rank: int) -> str:
+    """Return the name of the random state of a process after the first in a checkpoint."""
     return f"{_RANDOM}-{rank}"
 
 
 def seeded(seed: int, build: Callable[[], _Built]) -> _Built:
-    """Return the result of `build`, called with PyTorch's global generator seeded.
+    """Return the result of `build`, which is called with PyTorch's global generator seeded.
 
-    The generator is restored afterwards.
+    The state of the generator is restored afterwards.
     """
     with torch.random.fork_rng(devices=[]):
         torch.manual_seed(seed)
@@ -325,9 +361,13 @@ def seeded(seed: int, build: Callable[[], _Built]) -> _Built:
 def prepare_device(
     device: str, gpu_available: Callable[[], bool] = torch.cuda.is_available
 ) -> torch.device:
-    """Return the device; "auto" is the GPU where there is one, another for each process.
+    """Return the device of this process.
 
-    Raises MissingDependency for a GPU where there is none.
+    device         "cpu", "cuda", or "auto" for a GPU where there is one. Where several processes
+                   train on a machine, each has a GPU of its own
+    gpu_available  tells whether there is a GPU
+
+    Raises MissingDependency for "cuda" where there is no usable GPU.
     """
     has_gpu = gpu_available()
     if device == "auto":
@@ -338,30 +378,39 @@ def prepare_device(
             "install a build of PyTorch and a driver that go together"
         )
     rank = local_rank()
-    return torch.device(device) if device != "cuda" or rank is None else torch.device(device, rank)
+    if device == "cuda" and rank is not None:
+        return torch.device(device, rank)
+    return torch.device(device)
 
 
 class _Ending:
-    """The end of a training that keeps a time limit, foreseen by what was slow so far."""
+    """The decision when a training with a time limit ends, by how long steps and writing took.
+
+    steps_s    seconds of the last steps. One step in ten waits for the GPU, so that single ones
+               tell little
+    writing_s  seconds that writing a checkpoint and what goes with it took, at most
+    """
 
     def __init__(self, limit: TimeLimit | None, processes: Processes) -> None:
         self.limit, self.processes = limit, processes
-        self.steps_s: deque[float] = deque(maxlen=20)  # a GPU is waited for in one step of ten
+        self.steps_s: deque[float] = deque(maxlen=20)
         self.writing_s = 0.0
         self.began = self.done = limit.clock() if limit else 0.0
 
     def is_due(self) -> bool:
-        """Return whether the step that was just taken is the last; all processes say the same."""
+        """Return whether the step that was just taken is the last, the same for all processes."""
         if self.limit is None:
             return False
         self.done = self.limit.clock()
         self.steps_s.append(self.done - self.began)
-        reserve = max(self.steps_s) + 3 * self.writing_s + _MARGIN * self.limit.seconds + _MARGIN_S
+        # Time for one more step, for writing after it and at the end, and some to spare.
+        margin = _MARGIN * self.limit.seconds + _MARGIN_S
+        reserve = max(self.steps_s) + 3 * self.writing_s + margin
         due = {"due": float(self.limit.left_s() < reserve)}
         return self.processes.average(due)["due"] > 0
 
     def note(self, *, saved: bool) -> None:
-        """Take the time of what was written since the step."""
+        """Note the time that was taken since the step; `saved` tells whether for a checkpoint."""
         if self.limit is not None:
             self.began = self.limit.clock()
             if saved:
@@ -369,20 +418,27 @@ class _Ending:
 
 
 class _Rate:
-    """The speed of a training over the last minute."""
+    """The speed of a training over the last minute.
+
+    marks  seconds and numbers of steps, the oldest first
+    """
 
     def __init__(self, step: int) -> None:
         self.marks = deque([(time.perf_counter(), step)])
 
     def add(self, step: int) -> None:
+        """Note that a step has just ended."""
         now = time.perf_counter()
         self.marks.append((now, step))
         while len(self.marks) > 2 and self.marks[1][0] < now - _RATE_WINDOW_S:
             self.marks.popleft()
 
     def steps_per_s(self) -> float | None:
-        (t0, s0), (t1, s1) = self.marks[0], self.marks[-1]
-        return (s1 - s0) / (t1 - t0) if s1 - s0 >= 2 and t1 > t0 else None
+        """Return the steps in a second; None before two steps have ended."""
+        (first_s, first_step), (last_s, last_step) = self.marks[0], self.marks[-1]
+        if last_step - first_step < 2 or last_s <= first_s:
+            return None
+        return (last_step - first_step) / (last_s - first_s)
 
 
 def _write_png(path: Path, image: NDArray[np.uint8]) -> None:

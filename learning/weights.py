@@ -1,8 +1,7 @@
-"""Weights as files, which are looked up, checksummed, written, and checked before use.
+"""Files of trained weights: finding, writing and reading them, with all checks before use.
 
-They are safetensors files; the header says what a file is and how it was trained. Only functions
-that handle tensors import PyTorch: names and checksums are for the command line, which has no time
-for it.
+They are safetensors files, whose header tells what a file is and how it was trained. Only functions
+that handle tensors import PyTorch, which takes seconds: command lines need names and checksums.
 """
 
 from __future__ import annotations
@@ -24,18 +23,19 @@ if TYPE_CHECKING:
 
 _NetworkT = TypeVar("_NetworkT", bound="nn.Module")
 
-MOST_HEADER_BYTES = 2**24
-_MOST_OBJECTIVE_LENGTH = 100
-_MOST_REASON = 120  # characters of a library's complaint
-_COUNTER = "num_batches_tracked"  # of BatchNorm; drawing does without
+MOST_HEADER_BYTES = 2**24  # longest header that is read
+_MOST_OBJECTIVE_LENGTH = 100  # characters of the objective in a header, at most
+_MOST_REASON = 120  # characters of a library's error that are put into a message, at most
+_COUNTER = "num_batches_tracked"  # end of the names of BatchNorm's counters, which are not stored
 
 
 @dataclass(frozen=True, eq=False)
 class NetworkWeights:
-    """A network in float32 and evaluation mode, on the CPU, and its origin.
+    """A trained network, and where it comes from.
 
-    card    how it was trained: objective, steps, learning rates, seed, ...
-    sha256  of the file
+    network  in float32 and evaluation mode, on the CPU
+    card     how it was trained: objective, steps, learning rates, seed, ...
+    sha256   of its file
     """
 
     network: Any
@@ -45,14 +45,14 @@ class NetworkWeights:
 
 @dataclass(frozen=True)
 class WeightFiles:
-    """The files of weights of one package.
+    """The kind of weights that one package has, and its bundled files.
 
-    kind     of the checkpoints that they are exported from
-    format   in their headers
-    folder   of those that are bundled
-    bundled  by name, the sha256 of the file
-    files    by name, whose file it is where that is another's
-    remedy   against a file that is none
+    kind     of the checkpoints that weights are exported from, `NetworkTrainer.kind`
+    format   what their headers have as "format"
+    folder   where the bundled files are
+    bundled  the sha256 of the file of each bundled name
+    files    for names that share the file of another name, that other name: {"all-grey": "all"}
+    remedy   what a message advises where a file cannot be used
     """
 
     kind: str
@@ -63,10 +63,10 @@ class WeightFiles:
     remedy: str = ""
 
     def find(self, name_or_path: str | Path) -> Path:
-        """Return the file of a bundled name, its checksum verified, or the path itself.
+        """Return the path of the file of a bundled name, or the given path.
 
-        Raises BadInput, naming file, value and remedy, where a name is unknown, a file is missing,
-        or a bundled file differs from its checksum.
+        Raises BadInput where it is neither a bundled name nor a file, and where a bundled file is
+        missing or has not its checksum.
         """
         name = str(name_or_path)
         if name not in self.bundled:
@@ -91,21 +91,26 @@ class WeightFiles:
         select: Callable[[dict[str, Tensor], dict[str, Any]], tuple[dict[str, Tensor], Any]],
         remedy: str = "export an earlier checkpoint",
     ) -> str:
-        """Write weights of a checkpoint, atomically, and return the sha256.
+        """Write weights of a checkpoint to a file, atomically, and return the file's sha256.
 
-        Kernels become float16, everything of one dimension stays as it is; counters are left out.
+        Tensors of two and more dimensions become float16, those of one dimension stay as they are,
+        and BatchNorm's counters are left out.
 
-        select  returns the tensors, and what the header has apart from the training, of the state
-                and the configuration
+        select  is called with the checkpoint's state and configuration; returns the tensors to
+                write, and entries of the header beside "format" and "training"
+        remedy  what the message advises where a weight does not fit into float16
 
-        Raises BadInput where the checkpoint is of something else, or a weight does not fit float16.
+        Raises BadInput where the checkpoint is of another kind, and where a weight does not fit
+        into float16.
         """
         from learning import checkpoint
 
         state, step, config = checkpoint.load(checkpoint_path, self.kind)
         tensors, apart = select(state, config)
         stored = halved(_without_counters(tensors), checkpoint_path, remedy)
-        texts = {k: v if isinstance(v, str) else json.dumps(v) for k, v in apart.items()}
+        texts = {}  # values in a header are texts; others are written as JSON
+        for key, value in apart.items():
+            texts[key] = value if isinstance(value, str) else json.dumps(value)
         header = {"format": self.format, **texts, "training": _training_header(config, step, apart)}
         write_atomically(path, stored, header)
         return file_sha256(path)
@@ -118,11 +123,12 @@ class WeightFiles:
     ) -> NetworkWeights:
         """Return the network of a file.
 
-        configure  returns its configuration, of that in the header, and may take tensors away
+        configure  is called with the header's "network" and the tensors; returns the configuration
+                   of the network, and may remove tensors that it does not need
         build      returns the network of a configuration
 
-        Raises BadInput where the file is no safetensors file or of another format, or tensors are
-        missing, superfluous, of the wrong shape or not finite.
+        Raises BadInput where the file is no safetensors file, is of another format, or has a tensor
+        that is missing, unknown, of the wrong shape or not finite.
         """
         tensors, header = read_weights(path, self.format, self.remedy)
         with understanding_header(path, self.remedy):
@@ -139,14 +145,23 @@ def _files(
     bundled: Mapping[str, str],
     in_grey: Iterable[str] = (),
 ) -> WeightFiles:
-    folder = Path(__file__).parents[1].joinpath(*package.split("."), "weights")
+    """Return the weights of a package; names `in_grey` can also be had as "NAME-grey"."""
     files = {f"{name}-grey": name for name in in_grey}
-    bundled = {**bundled, **{grey: bundled[name] for grey, name in files.items()}}
-    remedy = f"write the file again with {package}.weights.export"
-    return WeightFiles(kind, file_format, folder, bundled, files, remedy)
+    checksums = dict(bundled)
+    for grey, name in files.items():
+        checksums[grey] = bundled[name]
+    return WeightFiles(
+        kind=kind,
+        format=file_format,
+        folder=Path(__file__).parents[1].joinpath(*package.split("."), "weights"),
+        bundled=checksums,
+        files=files,
+        remedy=f"write the file again with {package}.weights.export",
+    )
 
 
-# The bundled weights of each package; a file with colours has the grey network in it.
+# The weights of each package, with the sha256 of each bundled file. A network that draws in colour
+# by an albedo can also draw in grey: the name "all-grey" means the file "all" without its albedo.
 FILES: dict[str, WeightFiles] = {
     "pc2pix": _files(
         "pc2pix",
@@ -158,7 +173,7 @@ FILES: dict[str, WeightFiles] = {
             "all": "e874f6a798e4c66100ef83304d0829e61336ebbbcd69590d2e27092656ae54f3",
         },
     ),
-    # of the first format, networks had a code of the whole cloud
+    # Networks of "splat-net-weights-1" had a code of the whole cloud, which is not supported now.
     "baselines.splat_net": _files(
         "baselines.splat_net",
         "splat-net",
@@ -193,7 +208,7 @@ FILES: dict[str, WeightFiles] = {
 
 
 def check_sha256(path: Path, expected: str, remedy: str) -> str:
-    """Return the checksum of a file. Raises BadInput, with the `remedy`, where it is another."""
+    """Return the sha256 of a file; raise BadInput, with the `remedy`, if it is not as expected."""
     actual = file_sha256(path)
     if actual != expected:
         raise BadInput(f"{path}: sha256 {actual} is not the expected {expected}; {remedy}")
@@ -201,9 +216,9 @@ def check_sha256(path: Path, expected: str, remedy: str) -> str:
 
 
 def objective_of(path: Path) -> str:
-    """Return the objective of exported weights from the file's header; "" if it has none.
+    """Return the objective that exported weights were trained with; "" if the header has none.
 
-    Raises BadInput as `card_of`.
+    Raises BadInput as `card_of` does, and where the objective is not a short text.
     """
     objective = card_of(path).get("objective", "")
     if not isinstance(objective, str) or len(objective) > _MOST_OBJECTIVE_LENGTH:
@@ -215,19 +230,24 @@ def objective_of(path: Path) -> str:
 
 
 def card_of(path: Path, most_header_bytes: int = MOST_HEADER_BYTES) -> dict[str, Any]:
-    """Return how exported weights were trained, and `model`, from the file's header alone.
+    """Return how exported weights were trained, and their "model", from a file's header alone.
 
-    A safetensors file begins with the length of its header (8 bytes, little-endian) and the header,
-    which is JSON. Raises BadInput where this one does not, or its header is too long.
+    most_header_bytes  longest header that is read
+
+    A safetensors file begins with the length of its header (8 bytes, little-endian), and the header
+    follows as JSON.
+
+    Raises BadInput where the header is not there, is not JSON, or is too long.
     """
     with open_file(path, MOST_BYTES) as file:
         length = int.from_bytes(file.read(8), "little")
         text = file.read(min(length, most_header_bytes))
     try:
         if len(text) < length:
-            raise ValueError(f"{length} bytes by its own account")
+            raise ValueError(f"it states a length of {length} bytes")
         header = json.loads(text).get("__metadata__", {})
-        training, model = (json.loads(header.get(name, "{}")) for name in ("training", "model"))
+        training = json.loads(header.get("training", "{}"))
+        model = json.loads(header.get("model", "{}"))
         card = {"model": dict(model), **training}
     except (AttributeError, TypeError, ValueError, RecursionError) as error:
         raise BadInput(
@@ -249,7 +269,7 @@ def read_safetensors(path: Path) -> tuple[dict[str, Tensor], dict[str, str]]:
     """Return the tensors, on the CPU, and the header of a safetensors file.
 
     Raises BadInput where the file is missing, cut short, of another kind, or larger than
-    `MOST_BYTES`. Nothing in it is executed, and no more memory taken than the file has bytes.
+    `MOST_BYTES`. Nothing in the file is executed, and reading takes no more memory than its size.
     """
     from safetensors import safe_open
 
@@ -261,7 +281,7 @@ def read_safetensors(path: Path) -> tuple[dict[str, Tensor], dict[str, str]]:
         with safe_open(path, framework="pt") as file:
             header = dict(file.metadata() or {})
             return {key: file.get_tensor(key) for key in file.keys()}, header  # noqa: SIM118
-    except Exception as error:  # whatever safetensors and torch raise for a type or shape
+    except Exception as error:  # safetensors and torch raise various ones for types and shapes
         reason = (str(error).splitlines() or [type(error).__name__])[0][:_MOST_REASON]
         raise BadInput(
             f"{path}: not a whole safetensors file ({reason}); fetch or write it again"
@@ -271,10 +291,13 @@ def read_safetensors(path: Path) -> tuple[dict[str, Tensor], dict[str, str]]:
 def read_weights(
     path: Path, expected: str, remedy: str
 ) -> tuple[dict[str, Tensor], dict[str, str]]:
-    """Return tensors and header of exported weights, whose header names the format `expected`.
+    """Return the tensors and the header of a file of exported weights.
 
-    Raises BadInput as `read_safetensors`, for an earlier number of the format, and with the
-    `remedy` where it names another one.
+    expected  format that the header must name, such as "splat-net-weights-2"
+    remedy    what the message advises where it names another one
+
+    Raises BadInput as `read_safetensors` does, and where the format is another one or an earlier
+    number of it.
     """
     tensors, header = read_safetensors(path)
     kind, _, number = str(header.get("format")).rpartition("-")
@@ -294,9 +317,9 @@ def read_weights(
 
 @contextmanager
 def understanding_header(path: Path, remedy: str) -> Generator[None]:
-    """Turn errors inside, from a header that lacks or misstates something, into BadInput.
+    """Raise BadInput, with the `remedy`, where code in the block fails to understand a header.
 
-    The message has the `remedy`.
+    Such code raises errors of types, keys and values where an entry is missing or wrong.
     """
     try:
         yield
@@ -305,11 +328,11 @@ def understanding_header(path: Path, remedy: str) -> Generator[None]:
 
 
 def _training_header(config: Mapping[str, Any], step: int, apart: Iterable[str]) -> str:
-    """Return how weights were trained, as JSON for their file's header.
+    """Return how weights were trained, as JSON for the header of their file.
 
-    It has the configuration, the steps that were taken, and their learning rates. The keys `apart`,
-    which the header has of their own, are left out, and so are how often something was written
-    and the checksum of the names of the data.
+    It has the configuration, the number of steps taken and the learning rates. It leaves out the
+    keys `apart`, which are entries of their own in the header, how often something was written
+    ("cadence"), and the names of the data ("source").
     """
     left_out = {*apart, "cadence", "source"}
     kept = {key: value for key, value in config.items() if key not in left_out}
@@ -317,9 +340,10 @@ def _training_header(config: Mapping[str, Any], step: int, apart: Iterable[str])
 
 
 def halved(tensors: Mapping[str, Tensor], source: Path, remedy: str) -> dict[str, Tensor]:
-    """Return kernels in float16, everything of one dimension as it is, for export.
+    """Return tensors for export: those of two and more dimensions in float16, others as they are.
 
-    Raises BadInput, naming the checkpoint `source` and the `remedy`, where a value does not fit.
+    Raises BadInput, naming the checkpoint `source` and the `remedy`, where a value is too large for
+    float16 or not finite.
     """
     stored = {key: value.half() if value.dim() > 1 else value for key, value in tensors.items()}
     for key, value in stored.items():
@@ -331,18 +355,21 @@ def halved(tensors: Mapping[str, Tensor], source: Path, remedy: str) -> dict[str
 
 
 def sub_state(state: Mapping[str, Tensor], name: str) -> dict[str, Tensor]:
-    """Return the entries below `name.`, without that prefix."""
+    """Return the entries of a state whose keys begin with "NAME.", without this prefix."""
     prefix = f"{name}."
     return {key.removeprefix(prefix): v for key, v in state.items() if key.startswith(prefix)}
 
 
 def _without_counters(tensors: Mapping[str, Tensor]) -> dict[str, Tensor]:
-    """Return the tensors that are stored: all but counters."""
+    """Return the tensors without BatchNorm's counters, which are not stored."""
     return {key: value for key, value in tensors.items() if not key.endswith(_COUNTER)}
 
 
 def expected_shapes(network: nn.Module, prefix: str = "") -> dict[str, tuple[int, ...]]:
-    """Return the shapes that a file has to hold for `network`, which may be a meta network."""
+    """Return the shapes, by key, of the tensors that a file must have for `network`.
+
+    The network may be on the device "meta", where it takes no memory.
+    """
     state = _without_counters(network.state_dict())
     return {f"{prefix}{key}": tuple(value.shape) for key, value in state.items()}
 
@@ -353,7 +380,7 @@ def check_tensors(
     expected: Mapping[str, tuple[int, ...]],
     remedy: str,
 ) -> None:
-    """Check that tensors have the names, shapes and types expected, and are finite.
+    """Check that tensors have the expected names and shapes, are floating-point, and are finite.
 
     Raises BadInput, naming file, tensor and `remedy`, otherwise.
     """
@@ -380,11 +407,13 @@ def _checked_network(
 ) -> _NetworkT:
     """Return the network that `build` makes, with the tensors of a file, in evaluation mode.
 
-    Raises BadInput as `check_tensors`, before the network takes memory.
+    Raises BadInput as `check_tensors` does, before the network takes memory.
     """
     import torch
 
-    with torch.device("meta"):  # shapes without memory: the file has yet to prove its size
+    # On "meta" tensors have shapes but no memory: a file that states a huge network, without having
+    # its tensors, is refused before memory is taken for it.
+    with torch.device("meta"):
         expected = expected_shapes(build())
     check_tensors(path, tensors, expected, remedy)
     network = build()
@@ -395,5 +424,6 @@ def _checked_network(
 def fill_network(network: nn.Module, tensors: Mapping[str, Tensor]) -> None:
     """Put checked tensors into `network`, in float32 and evaluation mode."""
     state = {key: value.float() for key, value in tensors.items()}
-    network.load_state_dict(state, strict=False)  # no counters; `check_tensors` is strict
+    # Not strict, because counters are missing; `check_tensors` has checked all other names.
+    network.load_state_dict(state, strict=False)
     network.eval().requires_grad_(False)

@@ -300,7 +300,7 @@ CASES: dict[str, str] = {
     "train fused-net --start nosuch": "weights: 'nosuch' is neither a bundled name",
     "train splat-net --start chair --network points2pix": "--start chair: these are weights of sp",
     "train splat-net --batch 7": "batch 7: 2 views of a cloud are drawn together; use a multiple o",
-    "train splat-net --views 1": "the training images have 1 views of an object, and a step needs ",
+    "train splat-net --views 1": "the training images have 1 views of an object, and a step needs",
     **{
         f"train gan --for='{text}'": f"--for {text}: give a time over 0 with its unit, as in 90s"
         for text in ("", "2", "m", "0s", "0.0h", "-2m", "2 m", "2min", "1e3s", "nan", "٢m", "2m30s")
