@@ -15,17 +15,18 @@ from torch.nn import functional
 from data_prep.scene import CLOUD_SIZE
 from pc2pix.model_config import PAPER, ModelConfig
 
-_BRANCH_CHANNELS = 64
-_BRANCH_DILATIONS = (1, 2, 4, 8)
-_DOWN_CHANNELS = 128
-_ENCODER_STAGES = 4  # 2048, 1024, 512, 256 positions
-_LAST_CHANNELS = 32
-_DECODER_CHANNELS = 1024
-_POINT_CHANNELS = (64, 128, 256)  # PointNet, at every width
+# Of the paper's encoder, at width 1.
+_ENCODER_STAGES = 4  # with 2048, 1024, 512 and 256 positions
+_BRANCH_DILATIONS = (1, 2, 4, 8)  # of the parallel convolutions of a stage
+_BRANCH_CHANNELS = 64  # of each of them
+_DOWN_CHANNELS = 128  # of the convolution that halves the positions after a stage
+_LAST_CHANNELS = 32  # of the last convolution
+_DECODER_CHANNELS = 1024  # of the hidden layers of the decoder, at width 1
+_POINT_CHANNELS = (64, 128, 256)  # of the layers of PointNet, the same at every width
 
 
 def initialise(network: nn.Module) -> None:
-    """Set Glorot-uniform kernels and zero biases, the initial state of the original (Keras)."""
+    """Set Glorot-uniform kernels and zero biases, as Keras did for the original."""
     for module in network.modules():
         if isinstance(module, nn.Conv1d | nn.Conv2d | nn.Linear):
             nn.init.xavier_uniform_(module.weight)
@@ -34,13 +35,13 @@ def initialise(network: nn.Module) -> None:
 
 
 class _NormConv1d(nn.Module):
-    """A BN-ReLU-conv1d of kernel 5 with Keras' "same" padding."""
+    """BatchNorm, ReLU, and a convolution of five positions with the "same" padding of Keras."""
 
     def __init__(self, cin: int, cout: int, *, dilation: int = 1, stride: int = 1) -> None:
         super().__init__()
         self.bn = nn.BatchNorm1d(cin, eps=1e-3, momentum=0.01)
         self.conv = nn.Conv1d(cin, cout, 5, dilation=dilation, stride=stride)
-        # "same" at stride 2 on an even length pads one position on the left and two on the right
+        # At stride 2, Keras' "same" pads one position on the left and two on the right.
         self.padding = (1, 2) if stride == 2 else (2 * dilation, 2 * dilation)
 
     def forward(self, x: Tensor) -> Tensor:
@@ -60,12 +61,13 @@ class Encoder(nn.Module):
     def __init__(self, config: ModelConfig = PAPER) -> None:
         super().__init__()
         self.config = config
-        branch, down, last = (
-            config.scaled(channels)
-            for channels in (_BRANCH_CHANNELS, _DOWN_CHANNELS, _LAST_CHANNELS)
-        )
-        self.branches = nn.ModuleList()  # per stage: four dilations side by side
-        self.compress = nn.ModuleList()  # the skip path; the original's fourth one feeds nothing
+        branch = config.scaled(_BRANCH_CHANNELS)
+        down = config.scaled(_DOWN_CHANNELS)
+        last = config.scaled(_LAST_CHANNELS)
+        self.branches = nn.ModuleList()  # for each stage, convolutions of four dilations
+        # Convolutions of the skip path. The original has one for the last stage, too, whose result
+        # is not used.
+        self.compress = nn.ModuleList()
         self.down = nn.ModuleList()
         cin, skip = 3, 3
         for stage in range(_ENCODER_STAGES):
@@ -98,8 +100,8 @@ class Encoder(nn.Module):
         x = skip = points.transpose(1, 2)  # [B, 3, 2048]
         for stage, branches in enumerate(self.branches):
             assert isinstance(branches, nn.ModuleList)
-            # [B, 4 branch + skip, L], L = 2048, 1024, 512, 256
-            wide = torch.cat([*(branch(x) for branch in branches), skip], dim=1)
+            side_by_side = [branch(x) for branch in branches]
+            wide = torch.cat([*side_by_side, skip], dim=1)  # [B, 4 branch + skip, L = 2048 ... 256]
             if stage < _ENCODER_STAGES - 1:
                 skip = functional.max_pool1d(functional.relu(self.compress[stage](wide)), 2)
                 x = self.down[stage](wide)  # [B, down, L / 2]
@@ -109,14 +111,14 @@ class Encoder(nn.Module):
 
 
 class PointNet(nn.Module):
-    """A PointNet (Qi et al. 2017): a network on every point, then maximum and mean over them.
+    """A PointNet (Qi et al. 2017): layers on each point, then the maximum and mean over all points.
 
-    The code does not depend on the order of the points, and any number of points will do. No
-    BatchNorm: it costs more than the layers it would serve, and ties a cloud's code to its batch.
-    Its width is the same in all profiles.
+    Its code does not depend on the order of the points, whose number is arbitrary. It has no
+    BatchNorm, which would take more time than the layers themselves, and would make the code of a
+    cloud depend on its batch. `config.width` does not change its widths.
     """
 
-    cloud_size: int | None = None  # any
+    cloud_size: int | None = None  # any number of points
 
     def __init__(self, config: ModelConfig) -> None:
         super().__init__()
@@ -128,11 +130,9 @@ class PointNet(nn.Module):
         initialise(self)
 
     def forward(self, points: Tensor) -> Tensor:
-        """Return the codes of clouds.
+        """Return the codes of clouds, [B, latent_dim], not whitened.
 
-        points  Tensor [B, N, 3], N > 0; clouds in unit-sphere coordinates
-
-        Tensor [B, latent_dim]: codes, not whitened.
+        points  [B, N, 3], N > 0, in unit-sphere coordinates
         """
         x = points
         for layer in self.points:
@@ -142,16 +142,19 @@ class PointNet(nn.Module):
 
 
 def build_encoder(config: ModelConfig) -> Encoder | PointNet:
-    """Return the encoder that a configuration asks for, freshly initialised."""
+    """Return the encoder of a configuration, with random weights."""
     return Encoder(config) if config.encoder == "paper" else PointNet(config)
 
 
 @torch.no_grad()
 def decorrelated(encoder: Encoder | PointNet, codes: Tensor) -> Encoder | PointNet:
-    """Return the encoder with its codes rotated to the principal axes of `codes` [N, latent_dim].
+    """Return a copy of an encoder whose codes are rotated to their principal axes.
 
-    Numbers of a code that are alike over the clouds make as many axes of tiny variance. The
-    rotation is a part of the last layer; axes come in the order of their variance, largest first.
+    codes  [N, latent_dim], those of the training clouds, by which the axes are found
+
+    The axes are in the order of their variance, the largest first. Where several numbers of the
+    codes were nearly the same for all clouds, there are axes of tiny variance instead. The rotation
+    is put into the last layer.
     """
     rotated = copy.deepcopy(encoder)
     axes = torch.linalg.eigh(torch.cov(codes.double().T)).eigenvectors.T.flip(0)  # [d, d]
@@ -163,9 +166,9 @@ def decorrelated(encoder: Encoder | PointNet, codes: Tensor) -> Encoder | PointN
 
 
 class Decoder(nn.Module):
-    """The decoder from a code to a cloud.
+    """The decoder, which makes a cloud of a code.
 
-    It is used only to train the encoder, and to see what codes mean.
+    It is used only to train the encoder, and to show what a code stands for.
     """
 
     def __init__(self, config: ModelConfig = PAPER) -> None:

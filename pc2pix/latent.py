@@ -1,7 +1,7 @@
-"""Arithmetic of codes: paths between two of them, and A - B + C (the paper's Figures 5 and 6).
+"""Arithmetic of codes: paths between two codes, and A - B + C (the paper's Figures 5 and 6).
 
-Codes are *whitened*, as `Pc2pixRenderer.prepare` gives them and as decoder and generator take them:
-(code - mean) / std over the training set, so that no number outweighs another by its unit alone.
+Codes are whitened, (code - mean) / std over the training set, as `Pc2pixRenderer.prepare` returns
+them and as decoder and generator take them. So all numbers of a code count alike.
 """
 
 from __future__ import annotations
@@ -16,23 +16,24 @@ from pc2pix.model import Decoder
 
 
 def interpolate(start: Tensor, end: Tensor, positions: int) -> Tensor:
-    """Return codes [positions, d], evenly spaced from `start` to `end`, both [1, d].
+    """Return `positions` codes evenly spaced on the line from `start` to `end`, [positions, d].
 
-    The first is `start` and the last is `end`, bit for bit. Raises ValueError for fewer than two
-    positions, and where a shape is not [1, d].
+    start, end  codes [1, d]; the first and the last of the result, bit for bit
+
+    Raises ValueError for fewer than two positions, and where a shape is not [1, d].
     """
     if positions < 2:
         raise ValueError(f"positions: a path has at least its 2 ends, got {positions}")
     _require_codes(start=start, end=end)
     share = torch.linspace(0, 1, positions, dtype=start.dtype, device=start.device)[:, None]
-    # this form, unlike start + share * (end - start), is exact at both ends
+    # Unlike start + share * (end - start), this is exact at both ends.
     return (1 - share) * start + share * end
 
 
 def add_difference(a: Tensor, b: Tensor, c: Tensor) -> Tensor:
-    """Return A - B + C of codes [1, d]: `c`, plus what `a` has and `b` has not.
+    """Return the code a - b + c, [1, d]: it changes `c` by the difference between `a` and `b`.
 
-    The result is exactly `c` where a is b.
+    Where a equals b the result is c, bit for bit.
 
     Raises ValueError where a shape is not [1, d].
     """
@@ -42,14 +43,15 @@ def add_difference(a: Tensor, b: Tensor, c: Tensor) -> Tensor:
 
 @exact_inference()
 def decode(decoder: Decoder, codes: Tensor) -> NDArray[np.float32]:
-    """Return clouds float32 [K, 2048, 3] in (-1, 1) of codes [K, d], on the CPU.
+    """Return the clouds of whitened codes [K, d], float32 [K, 2048, 3] in (-1, 1).
 
-    They are decoded one by one, so that a cloud does not depend on its neighbours, bit for bit.
+    They are decoded one by one, so that no bit of a cloud depends on the other codes.
     """
     return torch.cat([decoder(code[None]) for code in codes]).float().cpu().numpy()
 
 
 def _require_codes(**codes: Tensor) -> None:
+    """Raise ValueError unless all codes are [1, d] with the same d; keywords are their names."""
     for name, code in codes.items():
         if code.dim() != 2 or len(code) != 1:
             raise ValueError(f"{name}: expected a code [1, d], got shape {list(code.shape)}")

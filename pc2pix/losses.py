@@ -1,6 +1,6 @@
-"""Loss functions: Chamfer distance, angular error, the paper's Eq. 6 and 7, reconstruction.
+"""Loss functions: Chamfer distance, error of angles, the paper's Eq. 6 and 7, reconstruction.
 
-Pure functions of tensors. `_Objective` holds what the paper and the code weigh differently.
+The weights of terms, which differ between the paper and its code, are in `OBJECTIVES`.
 """
 
 from __future__ import annotations
@@ -18,86 +18,101 @@ from torch.nn import functional
 from learning.image_losses import weighted_error
 from pc2pix.model import DiscriminatorOutput, sine_cosine
 
-AZIMUTH_RANGE_RAD = 2 * math.pi  # normalised azimuth 0..1 is -180..180 degrees
-ELEVATION_RANGE_RAD = 0.4444 * math.pi  # 0..1 is -40..40 degrees; the code rounds 4/9
+# Radians that the normalised angles 0..1 stand for: azimuths of -180..180 degrees, and elevations
+# of -40..40 degrees, for which the original code rounds 4/9 to 0.4444.
+AZIMUTH_RANGE_RAD = 2 * math.pi
+ELEVATION_RANGE_RAD = 0.4444 * math.pi
 
 
 def chamfer(a: Tensor, b: Tensor) -> Tensor:
-    """Return the Chamfer distance of clouds, from a to b plus from b to a; a scalar.
+    """Return the Chamfer distance of clouds, a scalar, as in the original code.
 
-    It is the mean squared distance to the nearest neighbour.
+    It is the mean squared distance of the points of `a` from the nearest points of `b`, plus that
+    from `b` to `a`. Means are over batch and points. It is 0 for equal sets of points, and NaN
+    where a coordinate is NaN.
 
-    a [B, N, 3] and b [B, M, 3], neither empty; means run over batch and points (the original's
-    loss; no square root). Zero for equal sets, NaN where a coordinate is. Neighbours are found
-    without a gradient; the distances are differences of the pairs found, so that no cancellation
-    can make them inexact or negative.
+    a  [B, N, 3], N > 0
+    b  [B, M, 3], M > 0
     """
     with torch.no_grad():
         nearest_b, nearest_a = _nearest(a, b), _nearest(b, a)
-    return (a - _rows(b, nearest_b)).square().sum(-1).mean() + (
-        b - _rows(a, nearest_a)
-    ).square().sum(-1).mean()
+    # Distances are computed from differences of the pairs, because those that the search may
+    # compute as |a|^2 - 2 ab + |b|^2 are inexact, and can be negative.
+    from_a = (a - _rows(b, nearest_b)).square().sum(-1).mean()
+    from_b = (b - _rows(a, nearest_a)).square().sum(-1).mean()
+    return from_a + from_b
 
 
 def _nearest(a: Tensor, b: Tensor) -> Tensor:
-    """Return the index [B, N] of the point of b [B, M, 3] nearest to each of a [B, N, 3].
+    """Return for each point of `a` [B, N, 3] the index of the nearest of `b` [B, M, 3], [B, N].
 
-    Search trees on a CPU, where the [B, N, M] table of distances costs ten times as much; one
-    batched matrix product elsewhere.
+    On a CPU search trees find it, because a table [B, N, M] of distances takes ten times as long.
+    On other devices the table is one batched matrix product.
     """
     if a.device.type != "cpu":
         with torch.autocast(a.device.type, enabled=False):
-            # |a - b|^2 less |a|^2, which is constant over the row searched
+            # |b|^2 - 2 ab is |a - b|^2 less |a|^2, which is the same for all points of b.
             return torch.baddbmm(b.square().sum(-1)[:, None], a, b.mT, alpha=-2).argmin(dim=2)
     if not (a.isfinite().all() and b.isfinite().all()):
-        return torch.zeros(a.shape[:2], dtype=torch.int64)  # the result is NaN or infinite anyway
+        return torch.zeros(a.shape[:2], dtype=torch.int64)  # the distance will not be finite anyway
     threads = torch.get_num_threads()
-    pairs = zip(a.numpy(), b.numpy(), strict=True)
-    # Split in the middle, not at the median: where that is exactly 0 (half of a cloud in one
-    # plane), SciPy 1.17 steps to the next number, which is denormal. Inside a training
-    # (`learning.training_loop.denormals_flushed`) that is 0 again, and so on without end.
-    trees = ((points, KDTree(targets, balanced_tree=False)) for points, targets in pairs)
-    indices = [tree.query(points, workers=threads)[1] for points, tree in trees]
+    indices = []
+    for points, targets in zip(a.numpy(), b.numpy(), strict=True):
+        # The tree splits boxes in the middle and not at the median of their points. Where the
+        # median is exactly 0 (half of a cloud lies in one plane), SciPy 1.17 splits at the next
+        # larger number, which is denormal. A training flushes denormal numbers to 0
+        # (`learning.training_loop.denormals_flushed`), and SciPy would search without end.
+        tree = KDTree(targets, balanced_tree=False)
+        _, nearest = tree.query(points, workers=threads)
+        indices.append(nearest)
     return torch.from_numpy(np.stack(indices))
 
 
 def _rows(points: Tensor, index: Tensor) -> Tensor:
+    """Return the points of clouds [B, M, 3] with indices [B, N], [B, N, 3]."""
     return points.gather(1, index[:, :, None].expand(-1, -1, 3))
 
 
 def angular_error(predicted01: Tensor, target01: Tensor, range_rad: float) -> Tensor:
-    """Return the mean absolute angle in radians, 0..pi, between normalised angles.
+    """Return the mean absolute difference of angles in radians, 0..pi, a scalar.
 
-    Both have the same shape.
+    predicted01, target01  normalised angles, 0..1, of the same shape
+    range_rad              radians that 0..1 stands for
 
-    L_theta = atan2(sin d / cos d) of the paper's section 3.2, with d = range_rad * difference:
-    a whole turn counts as none, so azimuth 0.99 and 0.01 are 0.02 turns apart.
+    This is L_theta = atan2(sin d / cos d) of the paper's section 3.2 with d = range_rad *
+    difference. Whole turns do not count: the azimuths 0.99 and 0.01 are 0.02 turns apart.
     """
     delta = range_rad * (target01 - predicted01)
     return torch.atan2(torch.sin(delta), torch.cos(delta)).abs().mean()
 
 
 def azimuth_error(judged: Tensor, target01: Tensor) -> Tensor:
-    """Return the error of an azimuth [B, 1] in radians, or of its sine and cosine [B, 2].
+    """Return the mean error of azimuths, a scalar.
 
-    The error of sine and cosine is the mean absolute difference, which has a gradient towards the
-    target everywhere. The angular error of one number has none that agrees over a batch while all
-    angles are judged alike, as they are at the start.
+    judged    the azimuths that the discriminator tells: normalised [B, 1], whose error is an angle
+              in radians, or sine and cosine [B, 2], whose error is their mean absolute difference
+    target01  the true azimuths, normalised, [B, 1]
+
+    At the start of a training the discriminator tells the same azimuth for all images. The angular
+    errors of single images then have gradients in both directions, which cancel over a batch. Those
+    of sine and cosine do not, because they point towards the targets everywhere.
     """
     if judged.shape[1] == 1:
         return angular_error(judged, target01, AZIMUTH_RANGE_RAD)
     return functional.l1_loss(judged, sine_cosine(target01))
 
 
-STRUCTURE_WEIGHT = 0.25
+STRUCTURE_WEIGHT = 0.25  # weight of 1 - SSIM beside the absolute error in `reconstruction_error`
 
 
 def reconstruction_error(drawn: Tensor, real: Tensor) -> Tensor:
-    """Return the error of drawn images against real ones of the same cloud and view; a scalar.
+    """Return the error of drawn images against real ones of the same cloud and view, a scalar.
 
-    Images [B, 3, H, W] in [-1, 1], H and W at least 11. `learning.image_losses.weighted_error` on
-    a scale of 0..1; whatever is not white is object. Works in float32. The score of the benchmark
-    is part of this loss; the model card says so.
+    drawn, real  images [B, 3, H, W] in [-1, 1], H and W at least 11
+
+    It is `learning.image_losses.weighted_error` of images in 0..1, computed in float32; real pixels
+    that are not white belong to the object. SSIM, a score of the benchmark, is a part of it, and
+    the model card says so.
     """
     drawn, real = (drawn.float() + 1) / 2, (real.float() + 1) / 2
     is_object = (real < 1).any(dim=1, keepdim=True)
@@ -106,10 +121,12 @@ def reconstruction_error(drawn: Tensor, real: Tensor) -> Tensor:
 
 @dataclass(frozen=True)
 class _Objective:
-    """The weights of the terms of Eq. 6 and 7, and the error measured on the code.
+    """The weights of the terms of Eq. 6 and 7.
 
-    reconstruction_weight  of `reconstruction_error`; where it is not zero, real and drawn images
-                           are of the same clouds and views, and the encoder is trained too
+    code_error             error of the code: mean squared or mean absolute
+    source                 where the weights come from, for the card of the trained network
+    reconstruction_weight  weight of `reconstruction_error`. Where it is not 0, real and drawn
+                           images are of the same clouds and views, and the encoder is trained, too
     """
 
     code_error: Literal["mse", "mae"]
@@ -122,28 +139,53 @@ class _Objective:
 
 OBJECTIVES = {
     "acgan-paper": _Objective(
-        "mse", 1.0, 1.0, 1.0, source="paper, Eq. 6, Eq. 7 and section 3.2 (unweighted sums, MSE)"
+        code_error="mse",
+        code_weight=1.0,
+        elevation_weight=1.0,
+        azimuth_weight=1.0,
+        source="paper, Eq. 6, Eq. 7 and section 3.2 (unweighted sums, MSE)",
     ),
     "acgan-code": _Objective(
-        "mae", 10.0, 10.0, 10.0, source="roatienza/pc2pix@23b7b46d (weights 1, 10, 10, 10; MAE)"
+        code_error="mae",
+        code_weight=10.0,
+        elevation_weight=10.0,
+        azimuth_weight=10.0,
+        source="roatienza/pc2pix@23b7b46d (weights 1, 10, 10, 10; MAE)",
     ),
-    # Heads of weight 10 beside a reconstruction term raised its error for hundreds of steps.
+    # With weights of 10 for code and angles the error of reconstruction rose for hundreds of steps.
     "paired": _Objective(
-        "mae", 1.0, 1.0, 1.0, source="ours: plus reconstruction", reconstruction_weight=50.0
+        code_error="mae",
+        code_weight=1.0,
+        elevation_weight=1.0,
+        azimuth_weight=1.0,
+        source="ours: plus reconstruction",
+        reconstruction_weight=50.0,
     ),
 }
 
 
 class Conditioning(NamedTuple):
-    """The condition of an image, c_1, c_2, c_3 of Eq. 6: what it was, or should be, made from."""
+    """What images show, or should show: c_1, c_2 and c_3 of Eq. 6.
 
-    code: Tensor  # [B, latent_dim]
-    elevation01: Tensor  # [B, 1]
-    azimuth01: Tensor  # [B, 1]
+    code         [B, latent_dim], of the cloud
+    elevation01  [B, 1], normalised
+    azimuth01    [B, 1], normalised
+    """
+
+    code: Tensor
+    elevation01: Tensor
+    azimuth01: Tensor
 
 
 class LossTerms(NamedTuple):
-    """The loss as scalars: `total` is weighted and minimised; the others are unweighted."""
+    """A loss and its terms, as scalars.
+
+    total      the weighted sum of the others, which is minimised
+    real       cross entropy of whether images are real, without a weight, as are the following
+    code       error of the code
+    elevation  error of the elevation, in radians
+    azimuth    error of the azimuth, see `azimuth_error`
+    """
 
     total: Tensor
     real: Tensor
@@ -155,6 +197,7 @@ class LossTerms(NamedTuple):
 def _terms(
     judged: DiscriminatorOutput, condition: Conditioning, real: bool, objective: _Objective
 ) -> LossTerms:
+    """Return the terms for images that should be judged as `real`, or else as drawn."""
     logit = judged.real_logit
     label = torch.ones_like(logit) if real else torch.zeros_like(logit)
     cross_entropy = functional.binary_cross_entropy_with_logits(logit, label)
@@ -168,7 +211,9 @@ def _terms(
         + objective.elevation_weight * elevation
         + objective.azimuth_weight * azimuth
     )
-    return LossTerms(total, cross_entropy, code, elevation, azimuth)
+    return LossTerms(
+        total=total, real=cross_entropy, code=code, elevation=elevation, azimuth=azimuth
+    )
 
 
 def discriminator_loss(
@@ -178,21 +223,31 @@ def discriminator_loss(
     fake: Conditioning,
     objective: _Objective,
 ) -> LossTerms:
-    """Return the terms of Eq. 6: cross entropy and reconstruction of conditions, both halves.
+    """Return the terms of Eq. 6, the loss of the discriminator.
 
-    The halves are added, as in Eq. 6; the original averages them, a factor of one half on
-    everything, to which Adam is indifferent.
+    on_real, on_fake  what it tells of real and of drawn images
+    real, fake        what these images show
+
+    The terms of real and drawn images are added, as in Eq. 6. The original code takes their mean,
+    half of it; Adam's steps do not depend on such a factor.
     """
-    pairs = zip(
-        _terms(on_real, real, True, objective),
-        _terms(on_fake, fake, False, objective),
-        strict=True,
+    of_real = _terms(on_real, real, True, objective)
+    of_fake = _terms(on_fake, fake, False, objective)
+    return LossTerms(
+        total=of_real.total + of_fake.total,
+        real=of_real.real + of_fake.real,
+        code=of_real.code + of_fake.code,
+        elevation=of_real.elevation + of_fake.elevation,
+        azimuth=of_real.azimuth + of_fake.azimuth,
     )
-    return LossTerms(*(a + b for a, b in pairs))
 
 
 def generator_loss(
     on_fake: DiscriminatorOutput, fake: Conditioning, objective: _Objective
 ) -> LossTerms:
-    """Return the terms of Eq. 7: cross entropy to real, and the reconstruction of conditions."""
+    """Return the terms of Eq. 7, the loss of the generator.
+
+    on_fake  what the discriminator tells of drawn images
+    fake     what these images should show
+    """
     return _terms(on_fake, fake, True, objective)

@@ -1,11 +1,12 @@
 """The generator and the discriminator of pc2pix; all its networks can be imported from here.
 
-Sources: the paper's section 3.2 (Tables 1 and 2) and roatienza/pc2pix@23b7b46d; where the two
-differ, the code is followed and the place says so. One number scales every width. PyTorch layout
-(NCHW) inside, but wherever channels and positions meet a dense layer they are ordered as in the
-original (height, width, channel), so that weights trained there can be loaded.
+They follow section 3.2 of the paper (Tables 1 and 2) and its code, roatienza/pc2pix@23b7b46d; where
+the two differ the code is followed, and a docstring says so. `ModelConfig.width` scales all widths.
+Tensors have PyTorch's layout (batch, channel, height, width). Where a dense layer takes or gives
+images, their values are in the original's order (height, width, channel), so that weights that were
+trained with the original code can be loaded.
 
-Two identities save 40 % of the arithmetic without changing a result beyond rounding:
+Two identities save 40 % of the arithmetic, and change results by no more than rounding errors:
 - nearest up-sampling commutes with BatchNorm and ReLU, and up-sampling followed by a 3x3
   convolution is a transposed 4x4 convolution of stride 2;
 - a 3x3 convolution followed by 2x2 average pooling is a 4x4 convolution of stride 2, and a 1x1
@@ -43,18 +44,18 @@ __all__ = [
     "take_scaled_codes",
 ]
 
-NOISE_DIM = 128  # z ~ U(-1, 1)
-_GENERATOR_CHANNELS = (1024, 1024, 512, 256, 128, 64)  # Table 1: 4, 8, 16, 32, 64, 128 px
-_DISCRIMINATOR_CHANNELS = (64, 128, 256, 512, 1024)  # Table 2: 64, 32, 16, 8, 4 px
-_CODE_HEAD_CHANNELS = (256, 1024, 1024, 1024)  # Table 2
+NOISE_DIM = 128  # length of the generator's noise z, which is uniform in (-1, 1)
+# Channels at width 1. Of the generator (Table 1) at 4, 8, 16, 32, 64 and 128 pixels; of the
+# discriminator (Table 2) at 64, 32, 16, 8 and 4 pixels, and of the layers that tell the code.
+_GENERATOR_CHANNELS = (1024, 1024, 512, 256, 128, 64)
+_DISCRIMINATOR_CHANNELS = (64, 128, 256, 512, 1024)
+_CODE_HEAD_CHANNELS = (256, 1024, 1024, 1024)
 
 
 def sine_cosine(azimuth01: Tensor) -> Tensor:
-    """Return the sine and cosine of a normalised azimuth.
+    """Return the sines and cosines of azimuths, [B, 2]; they are (0, 1) for the front.
 
-    azimuth01  Tensor [B, 1]; azimuth as the generator takes it; 0.5 is the front
-
-    Tensor [B, 2]: sine and cosine; (0, 1) for the front.
+    azimuth01  [B, 1], azimuth_deg / 360 + 0.5; 0.5 is the front
     """
     angle = 2 * math.pi * (azimuth01 - 0.5)
     return torch.cat([torch.sin(angle), torch.cos(angle)], dim=1)
@@ -87,7 +88,7 @@ class DiscriminatorOutput(NamedTuple):
 
 
 def channels_last(network: nn.Module) -> None:
-    """Change the memory layout of 2-D kernels in place; it is faster on CPU and GPU alike."""
+    """Change the memory layout of a network's kernels to channels last, which is faster."""
     network.to(memory_format=torch.channels_last)  # pyright: ignore[reportCallIssue] (stub gap)
 
 
@@ -95,12 +96,12 @@ def channels_last(network: nn.Module) -> None:
 
 
 def _upsample_then_conv(x: Tensor, conv: nn.Conv2d) -> Tensor:
-    """Return nearest x2, then a 3x3 convolution, as one transposed convolution: 4 taps for 9.
+    """Return a convolution of the input enlarged two times (nearest), [B, cout, 2H, 2W].
 
-    x     Tensor [B, cin, H, W]; input
+    x     [B, cin, H, W]
     conv  convolution with a 3x3 kernel, stride 1 and padding 1
 
-    Tensor [B, cout, 2H, 2W]: convolution of the up-sampled input, to rounding.
+    Both steps are one transposed convolution, which has 4 products for a value in place of 9.
     """
     kernel = 4 * functional.avg_pool2d(conv.weight.flip(2, 3), 2, stride=1, padding=1)
     return functional.conv_transpose2d(x, kernel.transpose(0, 1), conv.bias, stride=2, padding=1)
@@ -109,8 +110,9 @@ def _upsample_then_conv(x: Tensor, conv: nn.Conv2d) -> Tensor:
 class UpBlock(nn.Module):
     """The ResBlock of Table 1: BN-ReLU-conv-(x2)-BN-ReLU-conv beside a 1x1 convolution and x2.
 
-    The shortcut is a convolution even where the widths agree (code). The second BN comes before
-    the up-sampling here: same statistics, a quarter of the elements.
+    As in the original code, the shortcut is a convolution also where the widths agree. The second
+    BN comes before the up-sampling here, where it has the same statistics and a quarter of the
+    values.
     """
 
     def __init__(self, cin: int, cout: int) -> None:
@@ -129,9 +131,9 @@ class UpBlock(nn.Module):
 
 
 class Generator(nn.Module):
-    """The generator of Table 1, from noise, code and angles to an image.
+    """The generator of Table 1, which makes an image of noise, code and angles.
 
-    Departure of the original code from Table 1, followed here: no ReLU after the first dense layer.
+    As in the original code, and unlike in Table 1, no ReLU follows the first dense layer.
     """
 
     def __init__(self, config: ModelConfig = PAPER) -> None:
@@ -176,10 +178,12 @@ class Generator(nn.Module):
 
 @torch.no_grad()
 def take_scaled_codes(generator: Generator, scale: Tensor, shift: Tensor) -> None:
-    """Change a generator in place so that of a code y it draws what it drew of scale * y + shift.
+    """Change a generator in place for codes of another scale.
 
-    generator     generator to change, on the CPU or a GPU
-    scale, shift  Tensor [latent_dim]; factors and offsets of the numbers of a code
+    For a code y it then draws what it drew for scale * y + shift before.
+
+    generator     on the CPU or a GPU
+    scale, shift  [latent_dim], factors and offsets of the numbers of a code
     """
     kernel = generator.dense.weight[:, NOISE_DIM : NOISE_DIM + generator.config.latent_dim]
     generator.dense.bias.add_(kernel @ shift.to(kernel.device))
@@ -192,12 +196,17 @@ def take_scaled_codes(generator: Generator, scale: Tensor, shift: Tensor) -> Non
 def _spectrally_normalised(weight: Tensor, u: Tensor, *, store: bool) -> Tensor:
     """Return a kernel [cout, ...] divided by an estimate of its largest singular value.
 
-    As in the original: one power iteration per forward pass, starting from the stored u [cout],
-    which is drawn from N(0, 1), and sigma from the new vectors. Two departures: the original stores
-    the new u in *every* forward pass, here only training mode does (`store`), so that evaluation
-    has no side effect; and the original lets gradients flow through u and v, which are constants
-    here as in Miyato et al. 2018 (measured: 0.05 % of the gradient or less once u has converged).
-    Works in the precision of the weights, whatever autocast says. A zero kernel gives NaN.
+    weight  the kernel; one of zeros gives NaN
+    u       [cout], the estimate of the singular vector, at first drawn from N(0, 1)
+    store   whether u is replaced by its better estimate
+
+    As in the original, each forward pass takes one step of the power iteration from u, and the
+    singular value from the new vectors. There are two differences. The original stores the new u in
+    every forward pass; here only training does, so that evaluation has no side effect. And the
+    original has gradients through u and v, which are constants here as in Miyato et al. 2018; this
+    changes the gradient by 0.05 % or less once u has converged.
+
+    It is computed in the precision of the weights, also within autocast.
     """
     with torch.autocast(weight.device.type, enabled=False):
         matrix = weight.flatten(1)  # [cout, K]
@@ -210,6 +219,7 @@ def _spectrally_normalised(weight: Tensor, u: Tensor, *, store: bool) -> Tensor:
 
 
 def _unit(vector: Tensor) -> Tensor:
+    """Return a vector of length 1; zeros stay zeros."""
     return vector / (vector.norm() + 1e-12)
 
 
@@ -252,8 +262,8 @@ class SpectralLinear(nn.Linear):
 class _DownBlock(nn.Module):
     """The ResBlockSN of Table 2: ReLU-conv-ReLU-conv-pool beside a 1x1 convolution and pool.
 
-    The first block, too, starts with a ReLU on the raw image (code): negative pixel values reach
-    the network only through the shortcut.
+    As in the original code, the first block also begins with a ReLU, so that negative values of the
+    image reach the network only through the shortcut.
     """
 
     def __init__(self, cin: int, cout: int, *, pool: bool = True) -> None:
@@ -272,9 +282,9 @@ class _DownBlock(nn.Module):
 
 
 class Discriminator(nn.Module):
-    """The discriminator of Table 2, from an image to real or not, code and angles.
+    """The discriminator of Table 2: it tells whether an image is real, and its code and angles.
 
-    Every layer is spectrally normalised.
+    All layers have spectral normalisation.
     """
 
     def __init__(self, config: ModelConfig = PAPER) -> None:
@@ -294,7 +304,7 @@ class Discriminator(nn.Module):
         initialise(self)
 
     def forward(self, images: Tensor) -> DiscriminatorOutput:
-        """Judge images; in training mode this moves every u.
+        """Return what the network tells of images; in training mode this updates every u.
 
         Parameters
         ----------
@@ -314,7 +324,8 @@ class Discriminator(nn.Module):
             code = functional.relu(layer(code))  # [B, h]
         x = self.last_block(self.blocks[-1](x))  # [B, c5, 4, 4]
         x = functional.relu(x).sum(dim=(2, 3))  # [B, c5]
-        # gradients add up in the order of the heads: another one would move weights by rounding
+        # Gradients of the heads are added in this order. In another, sums have other rounding
+        # errors, and trainings would not repeat.
         real_logit, code = self.real(x), self.code(code)
         elevation, azimuth = torch.sigmoid(self.elevation(x)), self.azimuth(x)
         if self.config.azimuth == "scalar":

@@ -1,4 +1,4 @@
-"""pc2pix as a method of the benchmark: encode once per cloud, draw all views in one batch."""
+"""pc2pix as a method of the benchmark: a cloud is encoded once, and all views are one batch."""
 
 from __future__ import annotations
 
@@ -20,28 +20,30 @@ from pc2pix.engine import FoldedGenerator, Precision
 from pc2pix.model import NOISE_DIM
 from pc2pix.weights import Weights
 
-PARTS = 8
-# Standard deviations of the training clouds. Validation clouds stay within 4, noisy ones (sigma
-# 0.5) within 14, real objects of other classes within 12; one outlier at 1,000 gives 64 or 940.
+PARTS = 8  # selections of points of a large cloud, whose codes are averaged
+# Largest absolute number of a whitened code, in standard deviations of the training clouds' codes.
+# Codes of validation clouds stay within 4, those of very noisy ones (a standard deviation of 0.5)
+# within 14, those of real objects of other classes within 12. A single outlier at a distance of
+# 1,000 gives 64 or 940, depending on the weights.
 _LARGEST_CODE = 50.0
 NoisePolicy = Literal["zero", "uniform"]
 
 
 class Pc2pixRenderer:
-    """A `data_prep.scene.Renderer` by encoder and generator.
+    """A `data_prep.scene.Renderer` that encodes a cloud and lets the generator draw it.
 
-    Results do not depend on the number of threads, or on the other views of a call, beyond the
-    rounding of the precision (float32: some 1e-6). Angles outside the trained -40..40 degrees of
-    elevation are passed on as they are: the network extrapolates.
+    The number of threads and the other views of a call change an image by no more than rounding
+    errors of the precision (some 1e-6 in float32). The networks were trained with elevations of
+    -40..40 degrees; others are passed on to the generator, which extrapolates.
 
     Parameters
     ----------
     weights : Weights
         Trained networks of `pc2pix.weights.load_weights`; moved to `device`.
     z : {"zero", "uniform"}
-        The generator's noise. "zero": the centre of the noise distribution, one image per cloud and
-        view whatever the seed, so that a score carries no sampling noise. "uniform": z ~ U(-1, 1)
-        from the `rng` given to `draw`, a fresh one per view, as in the original's evaluation.
+        The generator's noise. "zero" is the centre of its distribution: a cloud and a view have one
+        image, and scores do not depend on random numbers. "uniform" draws a new z from U(-1, 1)
+        for each view, with the `rng` given to `draw`, as the original does in evaluation.
     device : str
         PyTorch's name of the device.
     precision : {"float32", "bfloat16"}
@@ -72,20 +74,20 @@ class Pc2pixRenderer:
 
     @exact_inference()
     def prepare(self, cloud: PointCloud, rng: np.random.Generator | None = None) -> Tensor:
-        """Return the whitened code of a cloud.
+        """Return the whitened code of a cloud, (code - mean) / std over the training set.
 
-        For the paper's encoder, any number of points is brought to 2,048 by `pick_points`. PointNet
-        takes all there are; of more than it was trained with, the mean code of several parts of the
-        cloud is taken (`parts`).
+        The paper's encoder takes 2,048 points, which `pick_points` selects or repeats. PointNet
+        takes any number; of a cloud with more than it was trained with, codes of several selections
+        are averaged (`parts`).
 
         cloud  points [N, 3] in unit-sphere coordinates
         rng    not used
 
-        Tensor [1, latent_dim]: (code - mean) / std over the training set.
+        The result is [1, latent_dim].
 
         Raises StageFailure at the stage "encode", for an empty or non-finite cloud, for a code that
-        is not finite, and for one beyond _LARGEST_CODE, from which the generator draws a saturated
-        pattern whatever the cloud.
+        is not finite, and for a number in it beyond _LARGEST_CODE. For such a code the generator
+        draws a meaningless pattern that does not depend on the cloud.
         """
         if not len(cloud):
             raise StageFailure("encode", "the cloud is empty")
@@ -93,8 +95,8 @@ class Pc2pixRenderer:
             raise StageFailure("encode", "the cloud has non-finite points")
         fed = pick_points(cloud.points)[None] if self.encoder.cloud_size else parts(cloud.points)
         points = torch.tensor(fed, dtype=torch.float32, device=self.device)
-        # One part after the other: together they would not fit the cache, and most of the time
-        # would go into pages fresh from the operating system.
+        # The parts are encoded one by one: together they would not fit into a processor's cache,
+        # and most of the time would be spent on getting memory from the operating system.
         codes = torch.cat([self.encoder(part[None]) for part in points])
         code = (codes.mean(dim=0, keepdim=True) - self.code_mean) / self.code_std
         if not code.isfinite().all():
@@ -104,7 +106,7 @@ class Pc2pixRenderer:
             raise StageFailure(
                 "encode",
                 f"the code lies {largest:.3g} standard deviations off ({_LARGEST_CODE:g} at most); "
-                "is the cloud in the unit sphere, without outliers?",
+                "scale the cloud to the unit sphere, and remove outliers",
             )
         return code
 
@@ -112,13 +114,11 @@ class Pc2pixRenderer:
     def draw(
         self, state: Tensor, views: Sequence[View], rng: np.random.Generator | None = None
     ) -> Images:
-        """Return images of a cloud, drawn in one batch of exactly these views.
+        """Return images of a cloud, float32 [V, 128, 128, 3] in [0, 1].
 
-        state  Tensor [1, latent_dim]; code of `prepare`
-        views  v cameras; none give an empty array
-        rng    source of z = "uniform"; not used for "zero"
-
-        float32 array [V, 128, 128, 3]: images in [0, 1].
+        state  [1, latent_dim], the code of `prepare`
+        views  V cameras; none give an empty array
+        rng    draws the noise where z is "uniform"; not used for "zero"
 
         Raises ValueError where z is "uniform" and `rng` is missing. Raises StageFailure at the
         stage "generate", where the network gives NaN or infinity.
@@ -130,24 +130,24 @@ class Pc2pixRenderer:
         noise = self._noise(len(views), rng)
         images = self.generator(state, elevation01, azimuth01, noise)
         if not images.isfinite().all():
-            raise StageFailure("generate", "the image is not finite")
+            raise StageFailure("generate", "the network gives an image that is not finite")
         return images.cpu().numpy()
 
     def _noise(self, count: int, rng: np.random.Generator | None) -> Tensor | None:
+        """Return the noise of `count` images, [count, NOISE_DIM], or None for zeros."""
         if self.z == "zero":
             return None
         if rng is None:
-            raise ValueError('draw: z="uniform" needs an rng')
+            raise ValueError('draw: z="uniform" needs an rng; give a numpy.random.Generator')
         noise = rng.uniform(-1, 1, (count, NOISE_DIM)).astype(np.float32)
         return torch.from_numpy(noise).to(self.device)
 
 
 def pick_points(points: NDArray[np.float32]) -> NDArray[np.float32]:
-    """Return exactly 2,048 rows [2048, 3] of a cloud [N, 3], N > 0, in the cloud's order.
+    """Return 2,048 points of a cloud, [2048, 3], in the cloud's order.
 
-    Of more points these are a random subset. Of fewer, output row i is input row floor(i N / 2048):
-    where N divides 2,048 every row is repeated the same number of times consecutively, as the
-    original does; other numbers come as close to that as they can.
+    points  [N, 3], N > 0. Of more than 2,048 a random subset is taken. Fewer are repeated evenly,
+            each point several times in a row, as in the original: row i is floor(i N / 2048)
     """
     if len(points) > CLOUD_SIZE:
         return points[random_rows(len(points), CLOUD_SIZE)]
@@ -155,27 +155,35 @@ def pick_points(points: NDArray[np.float32]) -> NDArray[np.float32]:
 
 
 def parts(points: NDArray[np.float32]) -> NDArray[np.float32]:
-    """Return PARTS random selections of PLAIN_POINTS of a larger cloud [N, 3]; else the cloud.
+    """Return the selections of a cloud's points that PointNet encodes.
 
-    Shape [PARTS, PLAIN_POINTS, 3], or [1, N, 3] for N <= PLAIN_POINTS. The maximum over the points
-    grows with their number, under noise above all, and the encoder has seen no more than
-    PLAIN_POINTS; several selections use all points nonetheless (SSIM on validation chairs: +0.004
-    under the heavier noise, +0.001 without noise). The points are sorted first, and the selections
-    depend on their number only: the code does not depend on order.
+    points  [N, 3]. For N up to PLAIN_POINTS the result is the cloud, [1, N, 3]. Otherwise it has
+            PARTS random selections, [PARTS, PLAIN_POINTS, 3]
+
+    PointNet takes the maximum of features over the points. This grows with their number, most of
+    all under noise, and in training there were no more than PLAIN_POINTS. With several selections
+    nearly all points are used nonetheless; it raises SSIM on validation chairs by 0.004 under the
+    stronger noise, and by 0.001 without noise. The points are sorted, and the random numbers depend
+    on their number only, so that the order of the points does not change the code.
     """
     if len(points) <= PLAIN_POINTS:
         return points[None]
     ordered = points[np.lexsort(points.T)]
     random = np.random.default_rng(len(points))
-    return np.stack([ordered[random.permutation(len(points))[:PLAIN_POINTS]] for _ in range(PARTS)])
+    selections = []
+    for _ in range(PARTS):
+        chosen = random.permutation(len(points))[:PLAIN_POINTS]
+        selections.append(ordered[chosen])
+    return np.stack(selections)
 
 
 def _normalised_angles(views: Sequence[View]) -> list[tuple[float, float]]:
-    """Return elevation and azimuth of each view as the generator takes them.
+    """Return elevation and azimuth of each view, normalised as the generator takes them.
 
-    An azimuth is brought into -180..180 degrees first; both ends stay as they are.
+    Azimuths are brought into -180..180 degrees first; -180 and 180 themselves stay as they are.
     """
-    return [
-        (view.elevation_deg / 80 + 0.5, math.remainder(view.azimuth_deg, 360.0) / 360 + 0.5)
-        for view in views
-    ]
+    normalised = []
+    for view in views:
+        azimuth_deg = math.remainder(view.azimuth_deg, 360.0)
+        normalised.append((view.elevation_deg / 80 + 0.5, azimuth_deg / 360 + 0.5))
+    return normalised

@@ -1,10 +1,11 @@
 """Training of the point-cloud autoencoder (paper section 3.1 and 4.1).
 
-Chamfer loss, RMSprop 1e-4 as in roatienza/pc2pix@23b7b46d with `--chamfer`. Departures: every
-step feeds the points of a cloud in a fresh random order (and, where a cloud has more than 2,048, a
-fresh selection), because the paper's encoder reads the points as a sequence and would otherwise
-learn the one order it has seen. PointNet, which is ours, is fed fewer points, for speed. With
-`augment` the encoder is fed degraded clouds and the decoder held to the whole ones.
+The loss is the Chamfer distance, minimised by RMSprop at a rate of 1e-4, as in
+roatienza/pc2pix@23b7b46d with `--chamfer`. There are three differences. Each step takes the points
+of a cloud in a new random order, and of more than 2,048 a new selection: the paper's encoder reads
+points as a sequence, and would otherwise learn the one order that it has seen. PointNet, which the
+paper does not have, is given fewer points, which saves time. With `augment` the encoder is given
+degraded clouds, and the decoder has to reproduce the whole ones.
 """
 
 from __future__ import annotations
@@ -29,12 +30,15 @@ from pc2pix.training_configs import AutoencoderConfig
 from pc2pix.training_data import AutoencoderData
 
 _KIND = "autoencoder"
-SHEET_CLOUDS = 8
-_SHEET_VIEW = View(azimuth_deg=30.0, elevation_deg=20.0)
+SHEET_CLOUDS = 8  # clouds on a sheet of progress, at most
+_SHEET_VIEW = View(azimuth_deg=30.0, elevation_deg=20.0)  # that they are drawn from
 
 
 def load_encoder(path: Path) -> Encoder | PointNet:
-    """Return the encoder of an autoencoder checkpoint, in evaluation mode."""
+    """Return the encoder of a checkpoint of the autoencoder's training, in evaluation mode.
+
+    Raises BadInput for anything but such a checkpoint.
+    """
     state, _, config = checkpoint.load(path, _KIND)
     encoder = build_encoder(ModelConfig(**config["model"]))
     encoder.load_state_dict(checkpoint.sub_state(state, "encoder"))
@@ -58,7 +62,7 @@ class AutoencoderTrainer(NetworkTrainer):
         )
         self.encoder.to(self.device)
         self.decoder.to(self.device)
-        # Keras' RMSprop: rho 0.9 and epsilon 1e-7 (PyTorch's defaults are 0.99 and 1e-8)
+        # Keras' defaults, as in the original; PyTorch's are 0.99 and 1e-8.
         self.optimizer = torch.optim.RMSprop(
             [*self.encoder.parameters(), *self.decoder.parameters()],
             lr=config.learning_rate,
@@ -95,7 +99,7 @@ class AutoencoderTrainer(NetworkTrainer):
 
     @torch.no_grad()
     def sheet(self) -> NDArray[np.uint8]:
-        """Return two rows: clouds, and the same clouds decoded from their codes."""
+        """Return an image with two rows: clouds, and the same clouds decoded from their codes."""
         clouds = self.clouds[:SHEET_CLOUDS, :CLOUD_SIZE]
         self.encoder.eval()
         self.decoder.eval()

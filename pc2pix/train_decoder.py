@@ -1,9 +1,10 @@
-"""Training of a decoder for the frozen encoder of exported weights.
+"""Training of a decoder for the encoder of exported weights, which does not change.
 
-Drawing needs no decoder, and weights are exported without; the one that an encoder was trained with
-fits it no longer where the encoder was trained further. So one is fitted afterwards, to see what a
-code means as a cloud (the paper's Figures 5 and 6). Chamfer loss as in `pc2pix.train_autoencoder`,
-but Adam: nothing here has to follow the original.
+A decoder shows what a code means as a cloud (the paper's Figures 5 and 6). Drawing images does not
+need it, so weights are exported without. The decoder that an encoder was trained with does not fit
+where the encoder was trained further with the generator. So a new one is trained afterwards. The
+loss is the Chamfer distance as in `pc2pix.train_autoencoder`, and the optimiser Adam, because
+nothing here has to follow the original.
 """
 
 from __future__ import annotations
@@ -27,11 +28,11 @@ from pc2pix.training_configs import DecoderConfig
 from pc2pix.training_data import AutoencoderData
 from pc2pix.weights import DECODER, Weights
 
-_DECAY_STEPS = 500
+_DECAY_STEPS = 500  # at step t the learning rate is divided by sqrt(1 + t / _DECAY_STEPS)
 
 
 class DecoderTrainer(NetworkTrainer):
-    """The trainer of a decoder of `weights`, on `AutoencoderData`."""
+    """The trainer of a decoder, on `AutoencoderData`; `weights` has the encoder that it is for."""
 
     kind = DECODER
     parts = ("decoder", "adam", "random")
@@ -57,7 +58,8 @@ class DecoderTrainer(NetworkTrainer):
     def take_step(self) -> dict[str, Tensor]:
         """Take a step of the decoder and return the loss."""
         which = torch.randint(len(self.clouds), (self.batch,), generator=self.random)
-        # another half of the points in another order each time: the code of a shape varies a little
+        # Other points in another order each time, so that the decoder sees how much the code of a
+        # shape varies.
         clouds = draw_points(self.clouds[which], CLOUD_SIZE, self.random)
         codes = self._encode(clouds)
         with self.autocast():
@@ -69,12 +71,12 @@ class DecoderTrainer(NetworkTrainer):
         return {"chamfer": loss.detach()}
 
     def learning_rates(self, steps: int) -> str:
-        """Return the whole schedule as a formula."""
+        """Return the learning rates as a formula, the same for any number of steps."""
         return f"{self.config.learning_rate:g} / sqrt(1 + t / {_DECAY_STEPS}) after t steps"
 
     @torch.no_grad()
     def sheet(self) -> NDArray[np.uint8]:
-        """Return two rows: clouds, and the same clouds decoded from their codes."""
+        """Return an image with two rows: clouds, and the same clouds decoded from their codes."""
         clouds = self.clouds[:SHEET_CLOUDS, :CLOUD_SIZE]
         decoded = self.decoder(self._encode(clouds)).cpu()
         return dots_of(clouds, decoded)

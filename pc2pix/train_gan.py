@@ -1,24 +1,26 @@
-"""Training of the rendering GAN (paper section 3.2): alternating steps of Eq. 6 and Eq. 7.
+"""Training of the rendering GAN (section 3.2 of the paper): steps of Eq. 6 and Eq. 7 in turn.
 
-Two ways, by objective. The paper's: codes of a frozen encoder, and nothing ties a drawn image to
-the real one of the same cloud and view but the heads of the discriminator. Ours (`paired`): every
-step draws the clouds and views of its real images, mirrored at random, with a reconstruction
-term; the encoder is trained with the rest; the first `warm_up` steps leave the discriminator out.
+There are two ways to train, by objective. With the paper's objectives the encoder does not change,
+and a drawn image is compared with real ones only by what the discriminator tells of it. With the
+objective `paired`, which the paper does not have, each step draws the clouds and views of its real
+images, mirrored at random, and a term of the loss compares both. The encoder is trained, too, and
+in the first `warm_up` steps the discriminator has no part.
 
-The paper's objective can start from weights; then the first `warm_up` steps train the discriminator
-alone, so that a fresh one does not spoil the generator.
+With the paper's objectives training can start from weights. The first `warm_up` steps then train
+only the discriminator, because an untrained one would spoil the generator.
 
-Departures from roatienza/pc2pix@23b7b46d, each for a reason:
-- Codes are whitened over the training set. Raw codes have a standard deviation of about 0.1 beside
-  z ~ U(-1, 1); mean and deviation travel with the weights. Those of a frozen encoder are rotated to
-  their principal axes first, in its last layer: else nearly all numbers say the same.
-- Fake conditions use codes of training clouds only. The script that wrote the original's code file
-  ran over train and test shapes, so test codes conditioned its training.
-- Fake images of the discriminator's step are made with BatchNorm's batch statistics, as in the
-  generator's own step, so that both steps see one distribution; the original used the moving
-  statistics there.
-- An exponential moving average of generator and encoder (weights and BN statistics; decay
-  `ema_decay`, shorter at the start) makes the sample sheets and is what gets exported.
+Differences from roatienza/pc2pix@23b7b46d, with their reasons:
+- Codes are whitened over the training set, because raw codes have a standard deviation of only
+  about 0.1, where the noise z is uniform in (-1, 1). Mean and deviation are exported with the
+  weights. Codes of an encoder that is not trained are first rotated to their principal axes,
+  because nearly all of their numbers tell the same.
+- Drawn images have codes of training clouds only. The script that wrote the original's file of
+  codes also ran over test shapes, so that their codes were used in training.
+- The images for the discriminator's step are drawn with BatchNorm's batch statistics, as those for
+  the generator's step are, so that both steps see the same distribution. The original used the
+  moving statistics for the former.
+- Sheets of images and exported weights are those of an exponential moving average of generator and
+  encoder (weights and BN statistics). Its decay is `ema_decay`, and less at the start.
 """
 
 from __future__ import annotations
@@ -60,10 +62,13 @@ from pc2pix.training_configs import GanConfig
 from pc2pix.training_data import GanData
 from pc2pix.weights import Weights
 
-_SHEET_IMAGES = 8
-_ENCODE_BATCH = 32
-_WARM_UP_RATE = 4.0  # times the learning rate: a regression bears more than a game of two
-# A number of the code that never varies, or hardly beside the others, is centred, not blown up.
+_SHEET_IMAGES = 8  # objects on a sheet of progress, at most
+_ENCODE_BATCH = 32  # clouds that are encoded at a time
+# Factor on the generator's learning rate during the warm-up with reconstruction alone, which stays
+# stable at higher rates than training against a discriminator.
+_WARM_UP_RATE = 4.0
+# Smallest standard deviation that a number of the code is divided by: absolutely, and as a share of
+# the largest one. A number that hardly varies over the clouds is not blown up to a deviation of 1.
 _MIN_CODE_STD = 1e-6
 _MIN_CODE_SHARE = 1e-3
 
@@ -72,7 +77,7 @@ _MIN_CODE_SHARE = 1e-3
 def encode_clouds(
     encoder: Encoder | PointNet, clouds: NDArray[np.float32], device: torch.device
 ) -> Tensor:
-    """Return codes float32 [N, latent_dim], on the CPU, of clouds [N, 2048, 3]."""
+    """Return the codes of clouds [N, 2048, 3], float32 [N, latent_dim], on the CPU."""
     encoder.to(device).eval()
     batches = torch.from_numpy(clouds).split(_ENCODE_BATCH)
     return torch.cat([encoder(batch.to(device)).cpu() for batch in batches])
@@ -81,10 +86,12 @@ def encode_clouds(
 class GanTrainer(NetworkTrainer):
     """The trainer of generator and discriminator, on `GanData` and an encoder.
 
-    The encoder is frozen, or with `paired` where training starts; it is stored in the checkpoint,
-    which is all that export needs. `start` has the generator that belongs to it.
+    The encoder is trained with the objective `paired`, and else stays as it is. It is stored in the
+    checkpoints, so that these have all that is exported.
 
-    Raises BadInput where encoder and configuration do not go together.
+    start  weights whose generator training starts from, and whose encoder is the given one
+
+    Raises BadInput where the encoder has another configuration than the generator.
     """
 
     kind = "gan"
@@ -123,7 +130,8 @@ class GanTrainer(NetworkTrainer):
         self.code_mean = codes.mean(dim=0)
         std = codes.std(dim=0, correction=0)
         self.code_std = std.clamp(min=max(_MIN_CODE_SHARE * float(std.max()), _MIN_CODE_STD))
-        self.codes = (codes - self.code_mean) / self.code_std  # [N, d], of the encoder as given
+        # Whitened codes of all clouds, [N, d], by the encoder as it is now.
+        self.codes = (codes - self.code_mean) / self.code_std
         generator, discriminator = training_loop.seeded(
             config.seed, lambda: (Generator(config.model), Discriminator(config.model))
         )
@@ -132,11 +140,13 @@ class GanTrainer(NetworkTrainer):
         channels_last(self.discriminator)
         if start is not None:
             self.generator.load_state_dict(start.generator.state_dict())
-            # its encoder may have been trained on since its codes were whitened
+            # Mean and deviation of its encoder's codes may have changed since they were computed,
+            # where the encoder was trained further. The generator is adapted to the new ones.
             shift = (self.code_mean - start.code_mean) / start.code_std
             take_scaled_codes(self.generator, self.code_std / start.code_std, shift)
         elif self.paired:
-            # z starts unheard: reconstruction would have to unlearn it, number by number
+            # At first z has no influence on the image: otherwise reconstruction would have to
+            # unlearn it, number by number.
             torch.nn.init.zeros_(self.generator.dense.weight[:, :NOISE_DIM])
         self.encoder.requires_grad_(self.paired)
         self.drawing = torch.nn.ModuleDict({"generator": self.generator, "encoder": self.encoder})
@@ -158,38 +168,45 @@ class GanTrainer(NetworkTrainer):
         return nhwc.permute(0, 3, 1, 2).float() / 127.5 - 1
 
     def _draw_real(self) -> tuple[Tensor, Conditioning]:
+        """Return random real images [B, 3, 128, 128], and what they show."""
         n, v = self.azimuth01.shape
         objects = torch.randint(n, (self.batch,), generator=self.random)
         views = torch.randint(v, (self.batch,), generator=self.random)
         return self._images(objects, views), self._condition_of(objects, views)
 
     def _condition_of(self, objects: Tensor, views: Tensor) -> Conditioning:
-        elevation = self.elevation01[objects, views, None]
-        azimuth = self.azimuth01[objects, views, None]
-        parts = (self._codes(objects), elevation, azimuth)
-        return Conditioning(*(self._sent(part) for part in parts))
+        """Return what the images of objects [B] from views [B] show."""
+        return Conditioning(
+            code=self._sent(self._codes(objects)),
+            elevation01=self._sent(self.elevation01[objects, views, None]),
+            azimuth01=self._sent(self.azimuth01[objects, views, None]),
+        )
 
     def _sent(self, tensor: Tensor) -> Tensor:
-        # without waiting for the device, which would be idle until the next work comes
+        """Return a tensor on the device, without waiting for the device to finish its work."""
         return tensor.to(self.device, non_blocking=True)
 
     @torch.no_grad()
     def _codes(self, objects: Tensor) -> Tensor:
-        """Return codes [B, d] of the frozen encoder."""
+        """Return whitened codes [B, d] of objects [B], by an encoder that is not trained."""
         if not self.config.augment:
             return self.codes[objects]
         return self._whiten(self.encoder(self._points(objects).to(self.device)))
 
     def _draw_fake(self) -> tuple[Tensor, Conditioning]:
-        """Return noise [B, 128], and a training cloud's code seen from anywhere."""
+        """Return noise [B, 128], and what is to be drawn: random training clouds and views."""
         noise = torch.rand(self.batch, NOISE_DIM, generator=self.random) * 2 - 1
         objects = torch.randint(len(self.codes), (self.batch,), generator=self.random)
         elevation, azimuth = torch.rand(2, self.batch, 1, generator=self.random)
-        parts = (self._codes(objects), elevation, azimuth)
-        return self._sent(noise), Conditioning(*(self._sent(part) for part in parts))
+        condition = Conditioning(
+            code=self._sent(self._codes(objects)),
+            elevation01=self._sent(elevation),
+            azimuth01=self._sent(azimuth),
+        )
+        return self._sent(noise), condition
 
     def take_step(self) -> dict[str, Tensor]:
-        """Take a step of both networks, or in the warm-up of one, and return the losses."""
+        """Take a step of both networks, or of one in the warm-up, and return the losses."""
         self.generator.train()
         self.discriminator.train()
         losses = self._take_paired_step() if self.paired else self._take_papers_step()
@@ -198,6 +215,7 @@ class GanTrainer(NetworkTrainer):
         return losses
 
     def _take_papers_step(self) -> dict[str, Tensor]:
+        """Take a step of an objective of the paper, and return the losses."""
         real_images, real = self._draw_real()
         noise, fake = self._draw_fake()
         with self.autocast(), torch.no_grad():
@@ -213,19 +231,21 @@ class GanTrainer(NetworkTrainer):
         return on_discriminator | _detached(terms)
 
     def _take_paired_step(self) -> dict[str, Tensor]:
+        """Take a step of the objective `paired`, and return the losses."""
         scene = self._draw_scene()
         self.encoder.train()
         noise = torch.rand(self.batch, NOISE_DIM, generator=self.random) * 2 - 1
-        angles = scene.elevation01.to(self.device), scene.azimuth01.to(self.device)
+        elevation = scene.elevation01.to(self.device)
+        azimuth = scene.azimuth01.to(self.device)
         with self.autocast():
             code = self._whiten(self.encoder(scene.points.to(self.device)).float())
-            drawn = self.generator(noise.to(self.device), code, *angles)
+            drawn = self.generator(noise.to(self.device), code, elevation, azimuth)
         error = reconstruction_error(drawn, scene.images)
         total = self.objective.reconstruction_weight * error
         if self.steps_done < self.config.warm_up:
             self._train_generator(total)
             return {"reconstruction": error.detach()} | _absent("dg", self.device)
-        condition = Conditioning(code.detach(), *angles)
+        condition = Conditioning(code=code.detach(), elevation01=elevation, azimuth01=azimuth)
         on_discriminator = self._train_discriminator(
             scene.images, condition, drawn.detach(), condition
         )
@@ -234,19 +254,20 @@ class GanTrainer(NetworkTrainer):
         return {"reconstruction": error.detach()} | on_discriminator | _detached(terms)
 
     def _draw_scene(self) -> Scene:
+        """Return random clouds with their real images from random views, half of them mirrored."""
         n, v = self.azimuth01.shape
         objects = torch.randint(n, (self.batch,), generator=self.random)
         views = torch.randint(v, (self.batch,), generator=self.random)
         scene = Scene(
-            self._points(objects),
-            self._images(objects, views),
-            self.elevation01[objects, views, None],
-            self.azimuth01[objects, views, None],
+            points=self._points(objects),
+            images=self._images(objects, views),
+            elevation01=self.elevation01[objects, views, None],
+            azimuth01=self.azimuth01[objects, views, None],
         )
         return mirror(scene, torch.rand(self.batch, generator=self.random) < 0.5)
 
     def _points(self, objects: Tensor) -> Tensor:
-        """Return the encoder's input [B, n, 3]."""
+        """Return what the encoder is given of the clouds of objects [B], [B, n, 3]."""
         clouds, size = self.clouds[objects], self.encoder.cloud_size
         if self.config.augment:
             points, _ = degrade(clouds, self.random, DEGRADATION)
@@ -255,52 +276,62 @@ class GanTrainer(NetworkTrainer):
         return points if size is None else take_evenly(points, size)
 
     def _whiten(self, codes: Tensor) -> Tensor:
+        """Return codes of the encoder as the generator takes them, both [B, d]."""
         mean, std = self.code_mean.to(codes.device), self.code_std.to(codes.device)
         return (codes - mean) / std
 
     def _train_discriminator(
         self, real_images: Tensor, real: Conditioning, fake_images: Tensor, fake: Conditioning
     ) -> dict[str, Tensor]:
+        """Take a step of the discriminator, and return the terms of Eq. 6 by name."""
         with self.autocast():
-            # one batch of both halves, as in the original: u moves once
+            # Real and drawn images are one batch, as in the original, so that spectral
+            # normalisation is updated once.
             judged = self.discriminator(torch.cat([real_images, fake_images.float()]))
-        halves = zip(*(t.float().chunk(2) for t in judged), strict=True)
-        on_real, on_fake = (DiscriminatorOutput(*half) for half in halves)
+        halves = [answers.float().chunk(2) for answers in judged]
+        on_real = DiscriminatorOutput(*(first for first, _ in halves))
+        on_fake = DiscriminatorOutput(*(second for _, second in halves))
         terms = discriminator_loss(on_real, on_fake, real, fake, self.objective)
         self.minimise(terms.total, self.discriminator_adam)
         return _detached({f"d_{name}": value for name, value in terms._asdict().items()})
 
     def _judge_drawn(self, drawn: Tensor, condition: Conditioning) -> dict[str, Tensor]:
-        """Return the terms of Eq. 7 for drawn images."""
-        # gradients pass through the discriminator, but its own would be thrown away
+        """Return the terms of Eq. 7 for drawn images by name."""
+        # Gradients have to pass through the discriminator to the image; those of its own weights
+        # are not needed.
         self.discriminator.requires_grad_(False)
         with self.autocast():
             judged = self.discriminator(drawn)
         self.discriminator.requires_grad_(True)
-        judged = DiscriminatorOutput(*(t.float() for t in judged))
+        judged = DiscriminatorOutput(*(answers.float() for answers in judged))
         terms = generator_loss(judged, condition, self.objective)
         return {f"g_{name}": value for name, value in terms._asdict().items()}
 
     def _train_generator(self, total: Tensor) -> None:
-        warm = self.steps_done < self.config.warm_up
-        rate = self.config.generator_lr * (_WARM_UP_RATE if warm else 1.0)
+        """Take a step of the generator, and of an encoder that is trained, by a loss."""
+        rate = self.config.generator_lr
+        if self.steps_done < self.config.warm_up:
+            rate = rate * _WARM_UP_RATE
         self.minimise(total, self.generator_adam, rate)
 
     def learning_rates(self, steps: int) -> str:
-        """Return the rates of both networks in words."""
+        """Return the learning rates of both networks in the first `steps` steps, in words."""
         config = self.config
         rate, warm = config.generator_lr, min(config.warm_up, steps)
-        warm_rate = _WARM_UP_RATE * rate if self.paired else 0.0
-        generator = [f"generator {warm_rate:g} up to step {warm}"] if warm else []
+        parts = []
+        if warm:
+            warm_rate = _WARM_UP_RATE * rate if self.paired else 0.0
+            parts.append(f"generator {warm_rate:g} up to step {warm}")
         if steps > warm:
-            generator.append(f"{'then' if warm else 'generator'} {rate:g}")
-            generator.append(f"discriminator {config.discriminator_lr:g}")
-        return ", ".join(generator)
+            parts.append(f"then {rate:g}" if warm else f"generator {rate:g}")
+            parts.append(f"discriminator {config.discriminator_lr:g}")
+        return ", ".join(parts)
 
     def restore(self, state: Mapping[str, Tensor]) -> None:
-        """Restore what `state` has returned, and the codes of the encoder in it.
+        """Put the tensors that `state` has returned back in place, and encode the clouds anew.
 
-        On another machine the axes of the codes may point the other way (`decorrelated`).
+        The encoder of the checkpoint may have other axes than the one made here: on another machine
+        `decorrelated` may give axes of the opposite sign.
         """
         super().restore(state)
         if not self.paired:
@@ -309,7 +340,10 @@ class GanTrainer(NetworkTrainer):
 
     @torch.no_grad()
     def sheet(self) -> NDArray[np.uint8]:
-        """Return two rows: real images, and the averaged generator's of the same (z = 0)."""
+        """Return an image with two rows: real images, and those of the averaged generator.
+
+        The latter are of the same clouds and views, with noise z of 0.
+        """
         count = min(_SHEET_IMAGES, len(self.codes))
         objects = torch.arange(count) * len(self.codes) // count
         views = torch.arange(count) % self.azimuth01.shape[1]
@@ -317,22 +351,26 @@ class GanTrainer(NetworkTrainer):
         points, size = self.clouds[objects], self.encoder.cloud_size
         points = points if size is None else take_evenly(points, size)
         code = self._whiten(self.average["encoder"](points.to(self.device)))
-        angles = self.elevation01[objects, views, None], self.azimuth01[objects, views, None]
-        inputs = (noise, code, *(a.to(self.device) for a in angles))
-        fake = self.average["generator"](*inputs)
+        elevation = self.elevation01[objects, views, None].to(self.device)
+        azimuth = self.azimuth01[objects, views, None].to(self.device)
+        fake = self.average["generator"](noise, code, elevation, azimuth)
         rows = torch.stack([self._images(objects, views), fake])  # [2, B, 3, H, W]
         rows = rows.permute(0, 3, 1, 4, 2).flatten(2, 3).flatten(0, 1)  # [2 H, B W, 3]
         return ((rows + 1) * 127.5).round().clamp(0, 255).byte().cpu().numpy()
 
 
 def _absent(networks: str, device: torch.device) -> dict[str, Tensor]:
-    """Return zeros for the terms of networks ("d", "g") that a step leaves out.
+    """Return zeros for the losses of networks that a step does not train.
 
-    So losses.csv has the same columns from the first step to the last.
+    networks  letters of their names: "d" for the discriminator, "g" for the generator, "dg" for
+              both
+
+    With these, all steps have the same columns in losses.csv.
     """
     zero = torch.zeros((), device=device)
-    return {f"{who}_{term}": zero for who in networks for term in LossTerms._fields}
+    return {f"{network}_{term}": zero for network in networks for term in LossTerms._fields}
 
 
 def _detached(terms: Mapping[str, Tensor]) -> dict[str, Tensor]:
+    """Return losses by name, detached from their gradients."""
     return {name: value.detach() for name, value in terms.items()}

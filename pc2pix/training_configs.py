@@ -1,4 +1,4 @@
-"""The configurations of the trainings of pc2pix; they load no PyTorch, as command lines need it."""
+"""The configurations of the trainings of pc2pix, read by command lines, hence without PyTorch."""
 
 from __future__ import annotations
 
@@ -11,10 +11,13 @@ from pc2pix.model_config import LITE, ModelConfig
 
 @dataclass(frozen=True)
 class AutoencoderConfig:
-    """The configuration, with the original's defaults but for width and number of steps.
+    """The configuration of the autoencoder's training.
 
-    steps      the original trains 600 passes over each cloud (101,640 steps for its chairs)
-    precision  bfloat16 is mixed precision: weights, BN statistics and the loss stay float32
+    Defaults are those of the original, but for the width and the number of steps.
+
+    steps      of the training; the original takes 101,640 for its chairs, 600 with each cloud
+    augment    whether the encoder is given fewer points with noise (`pc2pix.augment.degrade`)
+    precision  "bfloat16" means mixed precision: weights, BN statistics and the loss stay in float32
     """
 
     model: ModelConfig = LITE
@@ -29,16 +32,23 @@ class AutoencoderConfig:
 
 @dataclass(frozen=True)
 class GanConfig:
-    """The configuration, with the paper's defaults but for width and number of steps.
+    """The configuration of the GAN's training.
+
+    Defaults are those of the paper, but for the width and the number of steps.
 
     objective  a key of `pc2pix.losses.OBJECTIVES`
-    steps      pairs of one discriminator and one generator step (chair: 406,560 in the original)
-    warm_up    first steps that train one network alone: the generator by reconstruction (`paired`),
-               or the discriminator, before a generator that starts from weights
-    start      checksum of the weights that generator and encoder start from; None: random ones
-    augment    encode clouds with fewer points and noise (`pc2pix.augment.DEGRADATION`)
-    precision  bfloat16 is mixed precision: weights, spectral norms, BN statistics and losses stay
-               float32
+    steps      of the discriminator, each with one of the generator; the original takes 406,560 for
+               its chairs
+    warm_up    number of first steps that train one network alone. With the objective `paired` that
+               is the generator, by reconstruction; with the others it is the discriminator, and the
+               generator starts from weights
+    start      sha256 of the weights that generator and encoder start from; None where they are
+               random
+    augment    whether clouds are encoded with fewer points and noise (`pc2pix.augment.DEGRADATION`)
+    precision  "bfloat16" means mixed precision: weights, spectral norms, BN statistics and losses
+               stay in float32
+
+    Raises BadInput for an unknown objective, and for a warm-up that would train nothing.
     """
 
     model: ModelConfig = LITE
@@ -74,10 +84,10 @@ class GanConfig:
 class DecoderConfig:
     """The configuration of a decoder's training.
 
-    weights        sha256 of the weights whose encoder it belongs to
-    learning_rate  of Adam at first; at step t it is divided by sqrt(1 + t / 500), which
-                   does not depend on how many steps there will be
-    precision      bfloat16 is mixed precision: weights and the loss stay float32
+    weights        sha256 of the weights whose encoder the decoder is for
+    learning_rate  of Adam at the beginning; at step t it is divided by sqrt(1 + t / 500), which
+                   does not depend on the number of steps
+    precision      "bfloat16" means mixed precision: weights and the loss stay in float32
     """
 
     weights: str

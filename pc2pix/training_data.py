@@ -1,4 +1,4 @@
-"""The arrays that the trainings learn from, checked."""
+"""The arrays that the trainings of pc2pix learn from, with checks of their shapes and values."""
 
 from __future__ import annotations
 
@@ -13,9 +13,11 @@ from data_prep.scene import CLOUD_SIZE, IMAGE_SIZE
 
 @dataclass(frozen=True, eq=False)
 class AutoencoderData:
-    """The clouds, float32 [N, M, 3] in unit-sphere coordinates, M >= 2048.
+    """The clouds that autoencoder and decoder learn from.
 
-    Raises BadInput for others.
+    clouds  float32 [N, M, 3], M at least 2048, in unit-sphere coordinates
+
+    Raises BadInput for other shapes, and for values that are not finite.
     """
 
     clouds: NDArray[np.float32]
@@ -30,7 +32,7 @@ class AutoencoderData:
 
 
 def check_clouds(clouds: NDArray[np.float32]) -> None:
-    """Raise BadInput unless `clouds` is a finite, non-empty float32 [N, M, 3]."""
+    """Raise BadInput unless `clouds` is float32 [N, M, 3], N > 0, and finite."""
     if clouds.ndim != 3 or clouds.shape[2] != 3 or clouds.dtype != np.float32 or not len(clouds):
         raise BadInput(
             f"clouds: expected float32 [N, M, 3] with N > 0, got {clouds.dtype} "
@@ -43,14 +45,14 @@ def check_clouds(clouds: NDArray[np.float32]) -> None:
 
 @dataclass(frozen=True, eq=False)
 class GanData:
-    """The training images of N objects from V views each, and their clouds.
+    """The images of N objects from V views each that the GAN learns from, and their clouds.
 
-    Raises BadInput where a shape is wrong.
-
-    images         uint8 [N, V, 128, 128, 3], white background
+    images         uint8 [N, V, 128, 128, 3], on white
     azimuth_deg    float [N, V], -180..180
     elevation_deg  float [N, V], -40..40
-    clouds         float32 [N, 2048, 3], unit-sphere coordinates
+    clouds         float32 [N, 2048, 3], in unit-sphere coordinates
+
+    Raises BadInput where a shape is wrong or a value is outside of its range.
     """
 
     images: NDArray[np.uint8]

@@ -1,12 +1,13 @@
-"""Trained weights as files: how a file is written, and how it is checked.
+"""Trained weights of pc2pix as files: how they are written, read and checked.
 
-A file holds what drawing needs and nothing else: the encoder, the averaged generator, and mean and
-standard deviation of the code. What is bundled stands in `learning.weights.FILES`.
+A file has what drawing needs and nothing else: the encoder, the averaged generator, and mean and
+standard deviation of the codes. The names of the bundled files are in `learning.weights.FILES`.
 
-A decoder has a file of its own beside the weights it belongs to, because drawing never needs it.
-Its header names the weights by their sha256, for codes of other weights mean nothing to a decoder.
+A decoder has a file of its own, in the folder of the weights that it belongs to, because drawing
+does not need it. Its header has the sha256 of these weights, because a decoder fits the codes of no
+others.
 
-PyTorch is imported by what handles tensors only.
+Importing this module does not load PyTorch; reading and writing files does.
 """
 
 from __future__ import annotations
@@ -37,24 +38,27 @@ if TYPE_CHECKING:
     from pc2pix.model import Decoder, Encoder, Generator, ModelConfig, PointNet
 
 PACKAGE = "pc2pix"
-BUNDLED_DECODERS = {  # name -> sha256 of weights/<name>-decoder.safetensors
+# The sha256 of the file weights/NAME-decoder.safetensors, for each bundled name that has a decoder.
+BUNDLED_DECODERS = {
     "chair": "f5b7f4233c03c155535049dd17928a1b4cdc89fe10cce72b9ce2ec83dd9d68a6",
 }
-DECODER = "decoder"  # the kind of the checkpoints of its training
-_DECODER_FORMAT = "pc2pix-decoder-1"
-# `pc2pix.model.Encoder` and `PointNet`; a renamed or changed encoder gets a new name
+DECODER = "decoder"  # kind of the checkpoints of a decoder's training
+_DECODER_FORMAT = "pc2pix-decoder-1"  # of a decoder's file, in its header
+# What a header names the kinds of encoder, `pc2pix.model.Encoder` and `PointNet`. A changed encoder
+# gets a new name, so that weights of the old one are refused.
 ENCODER_NAMES = {"paper": "dilated-conv-k5", "pointnet": "pointnet-max-mean"}
+# Bounds of what a header may state, so that a damaged or malicious file cannot ask for huge memory.
 _MOST_WIDTH = 4.0  # four times the paper's
 _MOST_LATENT_DIM = 4096  # eight times the paper's largest
 
 
 @dataclass(frozen=True, eq=False)
 class Weights:
-    """The trained networks in float32 and evaluation mode, on the CPU.
+    """Trained networks in float32 and evaluation mode, on the CPU.
 
-    code_mean, code_std  float32 [latent_dim]: the generator's input is (code - mean) / std
+    code_mean, code_std  float32 [latent_dim]: the generator takes (code - code_mean) / code_std
     card                 how they were trained: objective, steps, learning rates, seed, ...
-    sha256               of the file
+    sha256               of their file
     """
 
     encoder: Encoder | PointNet
@@ -66,9 +70,11 @@ class Weights:
 
 
 def export(checkpoint_path: Path, path: Path) -> str:
-    """Write encoder, averaged generator and code statistics of a GAN checkpoint.
+    """Write the weights of a checkpoint of the GAN's training, and return the file's sha256.
 
-    Returns the sha256. Raises BadInput as `learning.weights.WeightFiles.export`.
+    They are the averaged encoder and generator, and mean and standard deviation of the codes.
+
+    Raises BadInput as `learning.weights.WeightFiles.export` does.
     """
 
     def select(
@@ -83,9 +89,10 @@ def export(checkpoint_path: Path, path: Path) -> str:
 
 
 def load_weights(name_or_path: str | Path = "chair") -> Weights:
-    """Return the weights of a bundled name or a path.
+    """Return the weights of a bundled name, or of a file by its path.
 
-    Raises BadInput as `learning.weights.WeightFiles.find` and `load`.
+    Raises BadInput as `learning.weights.WeightFiles.find` and `load` do, and where the file has
+    another kind of encoder.
     """
     import torch
 
@@ -104,7 +111,9 @@ def load_weights(name_or_path: str | Path = "chair") -> Weights:
             f"{header.get('encoder')!r}; {remedy}"
         )
     expected = {"code_mean": (config.latent_dim,), "code_std": (config.latent_dim,)}
-    with torch.device("meta"):  # shapes without memory: the file has yet to prove its size
+    # On "meta" tensors have shapes but no memory: a file that states huge networks, without having
+    # their tensors, is refused before memory is taken for them.
+    with torch.device("meta"):
         outlines = {"encoder": build_encoder(config), "generator": Generator(config)}
     for prefix, network in outlines.items():
         expected |= expected_shapes(network, f"{prefix}.")
@@ -123,10 +132,7 @@ def load_weights(name_or_path: str | Path = "chair") -> Weights:
 
 
 def _sane(config: ModelConfig) -> ModelConfig:
-    """Return the configuration unchanged.
-
-    Raises ValueError where its numbers are none that anybody has trained.
-    """
+    """Return the configuration unchanged; raise ValueError where a number is out of bounds."""
     if not isinstance(config.latent_dim, int) or config.latent_dim > _MOST_LATENT_DIM:
         raise ValueError(f"latent_dim {config.latent_dim}, expected up to {_MOST_LATENT_DIM}")
     if config.width > _MOST_WIDTH:
@@ -135,7 +141,10 @@ def _sane(config: ModelConfig) -> ModelConfig:
 
 
 def decoder_path(name_or_path: str | Path) -> Path:
-    """Return the place of these weights' decoder, beside them, whether it exists or not."""
+    """Return the path of the decoder of these weights, in their folder, whether it exists or not.
+
+    name_or_path  of the weights: a bundled name or a path
+    """
     name = str(name_or_path)
     files = FILES[PACKAGE]
     bundled = files.folder / f"{name}.safetensors"
@@ -144,14 +153,15 @@ def decoder_path(name_or_path: str | Path) -> Path:
 
 
 def _training_command(name_or_path: str | Path) -> str:
-    """Return the command that makes the decoder of these weights."""
+    """Return the command that trains a decoder for these weights."""
     return f"bench train decoder --weights {name_or_path}"
 
 
 def _find_decoder(name_or_path: str | Path) -> Path:
-    """Return the file of these weights' decoder; a bundled one's checksum is verified.
+    """Return the path of the decoder of these weights.
 
-    Raises BadInput, with the command that makes it, where it is missing.
+    Raises BadInput, with the command that makes it, where the file is missing, and where a bundled
+    one has not its checksum.
     """
     path = decoder_path(name_or_path)
     if not is_regular_file(path):
@@ -160,34 +170,38 @@ def _find_decoder(name_or_path: str | Path) -> Path:
             f"make it with '{_training_command(name_or_path)}'"
         )
     if expected := BUNDLED_DECODERS.get(str(name_or_path)):
-        remedy = f"reinstall the package, or name the new one in {Path(__file__).name}"
+        remedy = f"reinstall the package, or put the new checksum into {Path(__file__).name}"
         check_sha256(path, expected, remedy)
     return path
 
 
 def export_decoder(checkpoint_path: Path, path: Path) -> str:
-    """Write the decoder of a checkpoint, and return the sha256.
+    """Write the decoder of a checkpoint, and return the file's sha256.
 
-    Raises BadInput as `learning.weights.WeightFiles.export`.
+    Raises BadInput as `learning.weights.WeightFiles.export` does.
     """
+
+    def select(
+        state: dict[str, Tensor], config: dict[str, Any]
+    ) -> tuple[dict[str, Tensor], dict[str, Any]]:
+        header = {"weights": config["weights"], "model": config["model"]}
+        return sub_state(state, "decoder"), header
+
     files = replace(FILES[PACKAGE], kind=DECODER, format=_DECODER_FORMAT)
-    return files.export(
-        checkpoint_path,
-        path,
-        lambda state, config: (
-            sub_state(state, "decoder"),
-            {"weights": config["weights"], "model": config["model"]},
-        ),
-        "train again with other settings",
-    )
+    remedy = "train again with other settings"
+    return files.export(checkpoint_path, path, select, remedy=remedy)
 
 
 def load_decoder(name_or_path: str | Path, weights: Weights) -> tuple[Decoder, str]:
-    """Return the decoder of `weights`, loaded from `name_or_path`, and its file's sha256.
+    """Return the decoder of weights, and the sha256 of its file.
 
-    The decoder is in float32 and evaluation mode, on the CPU. Raises BadInput, naming file, value
-    and the command that makes the right one, where the file is missing, damaged, of another format
-    or of other weights.
+    name_or_path  what the weights were loaded from, a bundled name or a path
+    weights       the weights
+
+    The decoder is in float32 and evaluation mode, on the CPU.
+
+    Raises BadInput, with the command that makes the right one, where the decoder's file is missing,
+    damaged, of another format or of other weights.
     """
     from pc2pix.model import Decoder, ModelConfig
 
