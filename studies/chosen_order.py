@@ -1,14 +1,15 @@
-"""The order of the methods that learn nothing by metric and condition: `results/chosen.csv`.
+"""The order of the classical methods, by metric and condition: it writes `results/chosen.csv`.
 
     bench run --suite thirteen-classes --dataset procedural:validation --limit 2 --views 4 \
         --conditions 2048,1024,512,noise-0.05,noise-0.10 --out DIR --methods \
         surface-apss,surface-fit,surface-bpa,poisson,alpha-wrap,denoised-wrap,splat,splat-fill
     python -m studies.chosen_order DIR
 
-By each metric the methods stand by their means over 13 classes, with a blank image for each failed
-one. Those that were not measured at a condition come last, and equal ones stand, as by the other
-metrics; the order by these, the lines of `*`, stays as it is, and so do conditions that the run has
-not.
+For each metric and condition that the run has, methods are sorted by their means over 13 classes,
+where a failed image counts as a blank one. Methods with equal means, and those that were not
+measured at a condition, which come last, keep the order of the line whose metric is `*`. That line
+is used for all metrics without one of their own. It does not change, and neither do the lines of
+conditions that the run does not have.
 """
 
 from __future__ import annotations
@@ -29,29 +30,38 @@ from studies.measurements import FIRST, values
 
 
 def in_order(means: Mapping[str, float], higher: bool, otherwise: Sequence[str]) -> list[str]:
-    """Return the methods of one condition by their means, the best first.
+    """Return methods sorted by their means, the best first.
 
-    Equal ones, and at the end those without a mean, are in their order otherwise; what is not
-    among these is left out.
+    means      of a metric at a condition, by method
+    higher     whether higher means are better
+    otherwise  the methods in the order that decides between equal means; those without a mean come
+               last, in this order. Methods that are not in it are left out
     """
     measured = [method for method in otherwise if method in means]
-    measured.sort(key=lambda method: -means[method] if higher else means[method])
-    return [*measured, *(method for method in otherwise if method not in means)]
+    unmeasured = [method for method in otherwise if method not in means]
+    # `sort` keeps the order of equal ones, also where the highest comes first.
+    measured.sort(key=lambda method: means[method], reverse=higher)
+    return [*measured, *unmeasured]
 
 
 def rankings(rows: Iterable[Mapping[str, str]]) -> str:
-    """Return the file of rankings, made of the rows of a run's tables (`class` is the average)."""
+    """Return the text of `results/chosen.csv`, made of the rows of a run's tables of quality.
+
+    Of these rows only the averages over classes are used.
+    """
     means: dict[tuple[str, str], dict[str, float]] = {}
     for row in rows:
         if row["class"] == AVERAGE:
-            cell = means.setdefault((row["metric"], row["condition"]), {})
-            cell[row["method"]] = float(row["failures_as_blank"])
+            by_method = means.setdefault((row["metric"], row["condition"]), {})
+            by_method[row["method"]] = float(row["failures_as_blank"])
+    ranking = CHOSEN[BEST_CLASSICAL].ranking
     lines = []
-    for (metric, condition), ranked in CHOSEN[BEST_CLASSICAL].ranking.items():
-        cell = means.get((metric, condition), {})
-        others = CHOSEN[BEST_CLASSICAL].ranking[OTHER_METRICS, condition]
-        if cell:
-            ranked = tuple(in_order(cell, higher_is_better(metric), others))
+    for (metric, condition), before in ranking.items():
+        by_method = means.get((metric, condition))
+        ranked = before
+        if by_method:
+            others = ranking[OTHER_METRICS, condition]
+            ranked = tuple(in_order(by_method, higher_is_better(metric), others))
         lines.append([metric, condition, " ".join(ranked)])
     return csv_text(["metric", "condition", "best_first"], lines)
 

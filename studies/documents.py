@@ -2,38 +2,44 @@
 
     python -m studies.documents [--check]
 
-A place in a page is marked by two comments, and what stands between them is written anew:
+A table stands between two comments in a page, and this study writes it anew:
 
     <!-- numbers: chairs-100.csv rows=method:pc2pix,splat columns=condition:2048,512 metric=ssim -->
     <!-- end -->
 
-The file is what `bench table DIR --format csv` prints, or one of the files of a run. `rows` and
-`columns` name a field and its values in their order, or several fields,
-`metric:ssim,lpips*condition:2048,512`, and then all their combinations; further `field=value`
-choose among the lines; `intervals=no` leaves intervals out, and `show=paper` shows another field as
-it is, `show=ahead` the verdict of a comparison. Values have the digits of the tables of runs
-(`bench.analysis.digits`); one with fewer than its metric has is marked. Conditions stand in words,
-"512 of 2,048 points". `best=yes` sets the best of each column of values in bold, several where
-their digits do not tell them apart.
+The first comment has a CSV file, which `bench table DIR --format csv` printed or which is one of
+the files of a run, and options:
 
-`marks=a-pc2pix.csv,a-splat-net@chair.csv` puts "better", "worse" or "not decided" beside values:
-what the comparison of a row's method in those files says, after Holm's correction, at the same
-metric, condition and class. A method without a comparison has no word. `marks=FILE;class:all` looks
-under another class.
+rows, columns  A field of the file and the values that the rows or columns of the table have. Of
+               several fields, `metric:ssim,lpips*condition:2048,512`, all combinations are taken.
+FIELD=VALUE    Only lines of the file with this value are used.
+intervals=no   Confidence intervals are left out.
+show=FIELD     Another field is shown in place of the value; `show=ahead` gives the verdict of a
+               comparison in words.
+best=yes       The best value of each column is set in bold, and all that round to it.
+marks=FILES    "better", "worse" or "not decided" stands before each value. It is the outcome, after
+               Holm's correction, of the comparison of the row's method in these CSV files, at the
+               same metric, condition and class. A method without a comparison has no word.
+               `marks=FILE;class:all` looks at the comparisons of another class.
 
-Columns with sources of their own are named one by one, in place of a file and `columns`:
+Values are rounded as in the tables of runs (`bench.analysis.digits`); a value with fewer digits
+than others of its metric is marked. Conditions are written in words, "512 of 2,048 points".
+
+A table whose columns have sources of their own names them one by one, in place of a file and
+`columns`:
 
     <!-- numbers: rows=method:pc2pix,best-classical
     column=real_objects;real.csv;metric:lpips;condition:2048
     column=one_view;cost.csv;show:cost_ms;best-classical:alpha-wrap
     column=trained_on;catalogue -->
 
-`best-classical:alpha-wrap` shows the value of another method in that row; `catalogue` stands
-for what `bench list` knows. A row that such a column has no line for gets a dash.
+A column has a head, a file, and pairs of fields and values. `best-classical:alpha-wrap` shows, in
+the row of best-classical, the value of another method. The file `catalogue` stands for what `bench
+list` knows of methods. Where such a column has no line for a row, a dash is shown.
 
-Prints how many numbers are generated, measured with date and commit, and settings. Fails where
-`studies.provenance` knows no origin. `--check` changes nothing: it also fails where a page differs
-from what would be written.
+The study prints how many numbers of the pages are generated, are measured with date and commit, and
+are settings. It fails where a number has none of these origins (`studies.provenance`). With
+`--check` it changes nothing, and also fails where a page differs from what it would write.
 """
 
 from __future__ import annotations
@@ -68,9 +74,10 @@ PAGES = (
     *sorted((REPOSITORY / "pc2pix" / "weights").glob("*.md")),  # model cards
     *sorted((REPOSITORY / "baselines").glob("*/weights/*.md")),
 )
-BEGIN, END = "<!-- numbers:", "<!-- end -->"
-CATALOGUE, GAP = "catalogue", "–"
-# of method b, which stands in the row, against method a
+BEGIN, END = "<!-- numbers:", "<!-- end -->"  # of the comments around a table
+CATALOGUE = "catalogue"  # stands in place of a file for what `bench list` knows
+GAP = "–"  # shown where a column has no line for a row
+# The field "ahead" of a comparison of methods a and b, in words about b, which is the row's method.
 VERDICTS: Mapping[str, str] = {
     "a": "worse",
     "b": "better",
@@ -85,65 +92,94 @@ Line = Mapping[str, str]
 
 
 class Unfilled(ValueError):
-    """The error for a marked place that cannot be filled; it names page and line."""
+    """The error for a table that cannot be written; its message has page and line."""
 
 
 class _DocumentColumn(NamedTuple):
-    """A column of a table, with its source."""
+    """A column of a table, with its source.
+
+    head     its title
+    file     a CSV file, or CATALOGUE
+    wanted   only lines of the file with these values of fields are used
+    shown    the field that is shown as it is; "" for the value
+    renamed  values of rows that are looked up under another value, with that value
+    gaps     whether a row may have no line, and is shown as GAP
+    marks    CSV files of comparisons, whose verdicts are shown before the values, with commas
+    marked   values of fields by which comparisons are chosen, where they differ from `wanted`
+    """
 
     head: str
-    file: str  # a CSV file, or CATALOGUE
-    wanted: Mapping[str, str]  # fields and values that choose among its lines
-    shown: str = ""  # the field that cells show, as it is; empty: the value
-    renamed: Mapping[str, str] = MappingProxyType({})  # by value of a row, what is looked up for it
-    gaps: bool = False  # whether a row may have no line
-    marks: str = ""  # CSV files of comparisons, whose verdicts stand beside the values
-    marked: Mapping[str, str] = MappingProxyType({})  # in place of `wanted` for these lines
+    file: str
+    wanted: Mapping[str, str]
+    shown: str = ""
+    renamed: Mapping[str, str] = MappingProxyType({})
+    gaps: bool = False
+    marks: str = ""
+    marked: Mapping[str, str] = MappingProxyType({})
 
 
 def _table(asked: str, numbers: Path) -> str:
-    """Return the table of a mark.
+    """Return the table that a comment asks for.
 
-    Raises ValueError or KeyError for a mark without a file, rows or columns.
+    Raises ValueError or KeyError for a comment without a file, rows or columns.
     """
     words = asked.split()
     file = "" if "=" in words[0] else words.pop(0)
     options = [word.split("=", 1) for word in words]
     chosen = {name: text for name, text in options if name != "column"}
-    intervals, shown = chosen.pop("intervals", "yes") == "yes", chosen.pop("show", "")
+    intervals = chosen.pop("intervals", "yes") == "yes"
+    shown = chosen.pop("show", "")
     best = chosen.pop("best", "no") == "yes"
     marks, *pairs = chosen.pop("marks", "").split(";")
     marked = dict(pair.split(":", 1) for pair in pairs)
     rows = _combinations(chosen.pop("rows"))
     columns = [_single_column(text.split(";"), rows) for name, text in options if name == "column"]
-    columns = columns or [
-        _DocumentColumn(
-            ", ".join(_in_words(column)),
-            file,
-            chosen | column,
-            shown,
-            marks=marks,
-            marked=marked,
-        )
-        for column in _combinations(chosen.pop("columns"))
-    ]
+    if not columns:
+        for wanted in _combinations(chosen.pop("columns")):
+            column = _DocumentColumn(
+                head=", ".join(_in_words(wanted)),
+                file=file,
+                wanted=chosen | wanted,
+                shown=shown,
+                marks=marks,
+                marked=marked,
+            )
+            columns.append(column)
     cells = [_cells(column, rows, intervals, numbers, best=best) for column in columns]
-    fields = [*rows[0]]
-    head = [chosen.get("metric", fields[0]), *[""] * (len(fields) - 1), *(c.head for c in columns)]
+    # The values of rows stand in the first columns; only the first of these has a title.
+    fields = list(rows[0])
+    untitled = [""] * (len(fields) - 1)
+    title = chosen.get("metric", fields[0])
+    head = [title, *untitled, *(column.head for column in columns)]
     body = [[*_in_words(row), *of_row] for row, *of_row in zip(rows, *cells, strict=True)]
     return markdown(head, body, len(fields))
 
 
 def _single_column(parts: Sequence[str], rows: Sequence[Line]) -> _DocumentColumn:
+    """Return a column of the form "head;file;field:value;...", with its parts apart.
+
+    A pair whose first word is a value of a row tells what is looked up for that row.
+    """
     head, file, *rest = parts
     pairs = dict(part.split(":", 1) for part in rest)
-    shown, values = pairs.pop("show", ""), {value for row in rows for value in row.values()}
-    renamed = {name: pairs.pop(name) for name in [*pairs] if name in values}
-    return _DocumentColumn(head.replace("_", " "), file, pairs, shown, renamed, gaps=True)
+    shown = pairs.pop("show", "")
+    values_of_rows = {value for row in rows for value in row.values()}
+    renamed = {name: pairs.pop(name) for name in list(pairs) if name in values_of_rows}
+    return _DocumentColumn(
+        head=head.replace("_", " "),
+        file=file,
+        wanted=pairs,
+        shown=shown,
+        renamed=renamed,
+        gaps=True,
+    )
 
 
 def _combinations(axis: str) -> list[dict[str, str]]:
-    """Return the combinations of "field:value,value*field:value,value"."""
+    """Return the combinations of values of fields, given as "field:value,value*field:value,value".
+
+    The values of the last field change first.
+    """
     fields = [part.split(":", 1) for part in axis.split("*")]
     names = [name for name, _ in fields]
     every = product(*(values.split(",") for _, values in fields))
@@ -166,10 +202,13 @@ def _condition_in_words(condition: str) -> str:
 
 
 def filled(text: str, page: str, numbers: Path = NUMBERS) -> str:
-    """Return the text of a page with the table of every marked place written anew.
+    """Return the text of a page in which all marked tables are written anew.
 
-    Raises Unfilled for a mark that is not understood, has no end or no source, or whose source has
-    not exactly one line for a cell.
+    page     name of the page, for messages
+    numbers  the folder of the CSV files
+
+    Raises Unfilled for a comment that is not understood or has no end, for a file that is missing,
+    and where a file has no line or several different ones for a cell.
     """
     tables: list[str] = []
 
@@ -178,7 +217,8 @@ def filled(text: str, page: str, numbers: Path = NUMBERS) -> str:
             written = _table(mark["asked"], numbers)
         except (ValueError, KeyError, OSError) as reason:
             raise Unfilled(f"{page}:{_line(text, mark.start())}: {reason}") from reason
-        # The meaning stands once in a page, on the line of the end: pages are short.
+        # What the mark of a value with fewer digits means is explained once in a page, after the
+        # first table that has one.
         explained = MOVED in written and not any(MOVED in table for table in tables)
         tables.append(written)
         note = f"\n{FEWER}. " if explained else ""
@@ -192,6 +232,7 @@ def filled(text: str, page: str, numbers: Path = NUMBERS) -> str:
 
 
 def _line(text: str, place: int) -> int:
+    """Return the number of the line, from 1, that a place in a text is in."""
     return text.count("\n", 0, place) + 1
 
 
@@ -203,9 +244,10 @@ def _cells(
     *,
     best: bool,
 ) -> list[str]:
-    renamed = [
-        {name: column.renamed.get(value, value) for name, value in row.items()} for row in rows
-    ]
+    """Return the cells of a column, one for each row."""
+    renamed = []  # the rows with the values that are looked up
+    for row in rows:
+        renamed.append({name: column.renamed.get(value, value) for name, value in row.items()})
     if column.file == CATALOGUE:
         return [find_method(row["method"]).trained_on or GAP for row in renamed]
     lines = _read_lines([column.file], column.wanted, numbers)
@@ -213,34 +255,36 @@ def _cells(
         raise ValueError(f"no line for the column '{column.head}'")
     verdicts = _read_lines(filter(None, column.marks.split(",")), column.marked, numbers)
     cells = []
-    valued: dict[int, Line] = {}  # by place of their cell
+    valued: dict[int, Line] = {}  # the lines whose values are shown, by the numbers of their rows
     for row in renamed:
         matching = [line for line in lines if _has(line, row)]
         if not matching and column.gaps:
             cells.append(GAP)
             continue
         texts = {_cell(line, column.shown, intervals) for line in matching}
-        if len(texts) != 1:  # lines of several tables of a run may repeat one
+        if len(texts) != 1:  # several lines may say the same, of several tables of a run
             asked = ", ".join(f"{name} {value}" for name, value in {**row, **column.wanted}.items())
             raise ValueError(f"{len(matching)} lines with {asked}; there has to be one")
         if not column.shown and matching[0]["value"]:
             valued[len(cells)] = matching[0]
         cells.append(f"{_mark(verdicts, row, column)} {texts.pop()}".strip())
-    for place in _best(valued) if best else ():
-        cells[place] = f"**{cells[place]}**"
+    if best:
+        for place in _best(valued):
+            cells[place] = f"**{cells[place]}**"
     return cells
 
 
 def _best(lines: Mapping[int, Line]) -> list[int]:
-    """Return the places of the values that none is printed better than."""
-    return [
-        place
-        for place, line in lines.items()
-        if not any(_is_ahead(other, line) for other in lines.values())
-    ]
+    """Return the keys of the lines whose values, as they are rounded, are the best."""
+    best = []
+    for place, line in lines.items():
+        if not any(_is_ahead(other, line) for other in lines.values()):
+            best.append(place)
+    return best
 
 
 def _is_ahead(line: Line, other: Line) -> bool:
+    """Return whether the rounded value of a line is better than that of another."""
     methods = (measured_method(line), measured_method(other))
     return prints_better(line["metric"], float(line["value"]), float(other["value"]), *methods)
 
@@ -260,36 +304,44 @@ def _read_lines(
 
 
 def _mark(verdicts: Sequence[Line], row: Line, column: _DocumentColumn) -> str:
-    """Return the verdict on the method of a row, or nothing without a comparison of it."""
+    """Return the verdict on the method of a row in words; "" without a comparison of it."""
     wanted = {**column.wanted, **row, **column.marked}
     wanted["method_b"] = wanted.pop("method", "")
-    words = {
-        VERDICTS[line["ahead"]]
-        for line in verdicts
-        if all(line.get(name, value) == value for name, value in wanted.items())
-    }
+    words = set()
+    for line in verdicts:
+        # Fields that a comparison does not have are no reason to pass over it.
+        if all(line.get(name, value) == value for name, value in wanted.items()):
+            words.add(VERDICTS[line["ahead"]])
     if len(words) > 1:
         raise ValueError(f"{row['method']} is {' and '.join(sorted(words))}; there has to be one")
     return "".join(words)
 
 
 def _has(line: Line, wanted: Mapping[str, str]) -> bool:
+    """Return whether a line has the wanted values; raise KeyError where it lacks a field."""
     return all(line[name] == value for name, value in wanted.items())
 
 
 def _cell(line: Line, shown: str, intervals: bool) -> str:
+    """Return what a table shows of a line: the field `shown`, or the value if that is "".
+
+    intervals  whether the confidence interval of the value follows
+    """
     if shown.endswith("_ms"):
         return milliseconds(float(line[shown]))
     if shown == "ahead":
         return VERDICTS[line[shown]]
     if shown:
-        return re.sub(r"(\.\d*?)0+$", r"\1", line[shown]).removesuffix(".") or "-"
+        without_zeros = re.sub(r"(\.\d*?)0+$", r"\1", line[shown])
+        return without_zeros.removesuffix(".") or "-"
     metric, method = line["metric"], measured_method(line)
     if not line["value"]:
         return "-"
-    # A metric of a suite with tables of its own has two digits that count.
+    # Metrics of suites with tables of their own have no kind, and two significant digits.
     form = f".{decimals(metric, method)}f" if metric_facts(metric).kind else "#.2g"
-    text = MOVED * is_coarse(metric, method) + _short(line["value"], form)
+    text = _short(line["value"], form)
+    if is_coarse(metric, method):
+        text = MOVED + text
     if intervals and line["ci_low"]:
         low, high = (_short(line[end], form) for end in ("ci_low", "ci_high"))
         text += f" [{low}, {high}]"
@@ -297,13 +349,18 @@ def _cell(line: Line, shown: str, intervals: bool) -> str:
 
 
 def measured_method(line: Line) -> str:
-    """Return the method of a value; of a chosen row the method that it is."""
+    """Return the method that a line's value was measured with.
+
+    For a row such as `best-classical` it is the method that was chosen, which the note names.
+    """
     method = line.get("method", "")
-    return line["note"].partition("; ")[0] if method in CHOSEN else method
+    if method in CHOSEN:
+        return line["note"].partition("; ")[0]
+    return method
 
 
 def _short(number: str, form: str) -> str:
-    """Return a number, rounded, without the 0 before the point of fractions."""
+    """Return a number formatted by `form`, without a 0 before the decimal point."""
     return re.sub(r"^(-?)0\.", r"\1.", f"{float(number):{form}}").replace("-", "−")
 
 
@@ -327,7 +384,7 @@ def main() -> None:
             stale.append(name)
             if not options.check:
                 write_whole(page, new.encode())
-    print(*(f"{count} {origin}" for origin, count in sorted(counts.items())), sep=", ")
+    print(", ".join(f"{count} {origin}" for origin, count in sorted(counts.items())))
     if unknown:
         sys.exit("\n".join(unknown))
     if options.check and stale:

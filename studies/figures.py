@@ -2,10 +2,9 @@
 
     python -m studies.figures [NAME ...] [--meshes PATH] [-o docs]
 
-Figures are drawn as those of a run are; better is up or to the right. Sheets show what methods draw
-of objects, `answer`, `real-objects` and `scans` of those in the folder of real meshes PATH
-(docs/datasets.md has its checksum), and without it they are left out. All images are 800 pixels
-wide, and readable at half of that.
+Figures are drawn as those of a run; better is up or to the right. Sheets show what methods draw of
+objects. The sheets `answer`, `real-objects` and `scans` need the folder of real meshes PATH
+(docs/datasets.md has its checksum), and are left out without it. All images are 800 pixels wide, and can be read at half of that.
 """
 
 from __future__ import annotations
@@ -34,15 +33,20 @@ from studies.sheets import ANSWER, REAL, SCANNED, draw_objects, draw_path, draw_
 if TYPE_CHECKING:
     from matplotlib.figure import Figure
 
-DPI = 220
-_WIDTH_IN = 800 / DPI
-_SMALL = 6.0  # points, of text
-METRIC, OTHER_METRIC = "lpips", "ssim-object"
-CONDITIONS = ("2048", "1024", "512", "noise-0.05", "noise-0.10")
+DPI = 220  # pixels in an inch
+_WIDTH_IN = 800 / DPI  # width of all images, in inches
+_SMALL = 6.0  # size of the text, in points
+METRIC, OTHER_METRIC = "lpips", "ssim-object"  # the metrics that figures show
+CONDITIONS = ("2048", "1024", "512", "noise-0.05", "noise-0.10")  # from left to right
 
 
 def read(file: str, methods: Sequence[str] = (), **wanted: object) -> pd.DataFrame:
-    """Return the rows of a file of results that have the wanted values, by method if any."""
+    """Return rows of a file in `results/docs`.
+
+    methods  only these, sorted in their order, whose number is the column "place"; all and unsorted
+             if there are none
+    wanted   values that the rows must have, by column
+    """
     rows = pd.read_csv(NUMBERS / file, dtype={"condition": str})
     rows = rows.rename(columns={"ci_low": "low", "ci_high": "high", "method_b": "method"})
     for name, value in wanted.items():
@@ -54,11 +58,12 @@ def read(file: str, methods: Sequence[str] = (), **wanted: object) -> pd.DataFra
 
 
 def _draw_conditions(file: str, methods: Sequence[str]) -> Figure:
-    """Draw two metrics against the conditions, with a gap between points and noise."""
+    """Return a figure of two metrics of methods on chairs, at each of CONDITIONS."""
     shown = []
     for metric in (METRIC, OTHER_METRIC):
         rows = read(file, methods, metric=metric)
         rows = rows[(rows["class"] == "chair") & rows["condition"].isin(CONDITIONS)]
+        # By method, and each method's rows in the order of the conditions.
         rows = rows.sort_values("condition", key=lambda c: c.map(CONDITIONS.index), kind="stable")
         rows = rows.sort_values("place", kind="stable")
         shown.append(quality_panel(metric, rows.assign(hollow=False), by_class=False))
@@ -67,16 +72,20 @@ def _draw_conditions(file: str, methods: Sequence[str]) -> Figure:
 
 
 def _draw_classes(file: str, methods: Sequence[str]) -> Figure:
-    """Draw differences of methods to the best classical method by class, so that right is better.
+    """Return a figure of the differences of methods from the best classical method, by class.
 
-    `file` has their comparisons. A hollow point is not decided.
+    Right is better. A point is hollow where the comparison is not decided.
+
+    file  of the comparisons
     """
     dots = read(file, methods, metric=METRIC, condition="2048")
-    hollow = ~dots["ahead"].isin(["a", "b"])
     dots = dots.assign(
-        panel=axis_title(METRIC), row=dots["class"], value=dots["difference"], hollow=hollow,
+        panel=axis_title(METRIC),
+        row=dots["class"],
+        value=dots["difference"],
+        hollow=~dots["ahead"].isin(["a", "b"]),
         turned=not higher_is_better(METRIC),
-    )  # fmt: skip
+    )
     size = {"width_in": _WIDTH_IN, "fontsize": _SMALL}
     figure = dots_figure(dots, method_styles(methods), zero=True, **size)
     figure.supxlabel("difference to the best classical method", fontsize=_SMALL)
@@ -84,31 +93,37 @@ def _draw_classes(file: str, methods: Sequence[str]) -> Figure:
 
 
 def _draw_paper_classes(file: str, metric: str, methods: Sequence[str]) -> Figure:
-    """Draw a distance by class beside the FID of the paper, so that right is better."""
-    ours, paper = read(file, methods, metric=metric), read(file, methods, metric="fid")
-    dots = pd.concat(
-        (
-            ours.assign(panel=f"here: {metric}"),
-            paper.assign(panel="the paper: FID", value=paper["paper"]),
-        )
-    )
+    """Return a figure of a distance by class, and of the paper's FID; right is better."""
+    ours = read(file, methods, metric=metric)
+    paper = read(file, methods, metric="fid")
+    panels = [
+        ours.assign(panel=f"here: {metric}"),
+        paper.assign(panel="the paper: FID", value=paper["paper"]),
+    ]
+    dots = pd.concat(panels)
     dots = dots.drop(columns=["low", "high"]).assign(row=dots["class"], turned=True)
     return dots_figure(dots, method_styles(methods), width_in=_WIDTH_IN, fontsize=_SMALL)
 
 
 def _draw_costs() -> Figure:
-    """Draw quality on real meshes against the cost of one view, with the frontier."""
+    """Return a figure of quality on real meshes against the cost of one view, with the frontier.
+
+    The frontier has the methods that no cheaper one is better than.
+    """
     costs = measured_methods()
     panels = []
     for metric in ("lpips", "ssim"):
         rows = read("real-meshes-grey.csv", metric=metric, condition="2048")
         rows = rows[(rows["class"] == AVERAGE) & ~rows["method"].isin(CHOSEN)]
-        cost = [cost_of(method, costs) for method in rows["method"]]
-        rows = rows.assign(cost=[c.one_view_ms if c else math.nan for c in cost], verdict="")
+        one_view_ms = []
+        for method in rows["method"]:
+            cost = cost_of(method, costs)
+            one_view_ms.append(cost.one_view_ms if cost else math.nan)
+        rows = rows.assign(cost=one_view_ms, verdict="")
         rows = rows.dropna(subset="cost").sort_values("cost").assign(panel=axis_title(metric))
-        usable = rows[rows["method"].map(role) == ""]
-        value = usable["value"] if higher_is_better(metric) else -usable["value"]
-        best = usable.index[value == value.cummax()]
+        competing = rows[rows["method"].map(role) == ""]  # others are reference methods
+        value = competing["value"] if higher_is_better(metric) else -competing["value"]
+        best = competing.index[value == value.cummax()]
         rows.loc[best, "verdict"] = "frontier"
         panels.append(rows.assign(cost_low=rows["cost"], cost_high=rows["cost"]))
     frame = pd.concat(panels)
@@ -119,7 +134,10 @@ def _draw_costs() -> Figure:
 
 
 def _draw_families(file: str, methods: Sequence[str]) -> Figure:
-    """Draw a metric along each family of conditions, worse clouds to the right."""
+    """Return a figure of a metric along each family of conditions, with worse clouds to the right.
+
+    file  of the values
+    """
     values = read(file, methods, metric=METRIC)
     curves = condition_curves(values.rename(columns={"low": "ci_low", "high": "ci_high"}))
     size = {"columns": 2, "width_in": _WIDTH_IN, "panel_in": 1.5, "fontsize": _SMALL}
@@ -128,6 +146,7 @@ def _draw_families(file: str, methods: Sequence[str]) -> Figure:
 
 CHAIR = "splat-net@chair"
 OTHERS = ("best-classical", "pc2pix", "surface-apss", FLOOR)
+# What draws each image, by name: figures, the strip of codes, and sheets that need real meshes.
 FIGURES: Mapping[str, Callable[[], Figure]] = {
     "known-chairs": partial(_draw_conditions, "sealed.csv", (CHAIR, "fused-net", *OTHERS)),
     "real-meshes": partial(
@@ -150,9 +169,15 @@ _OF_MESHES: Mapping[str, Callable[[Path], Figure]] = {
 
 
 def drawings(meshes: Path | None) -> dict[str, Callable[[], Figure]]:
-    """Return what draws each image; without a folder of real meshes there are none of these."""
-    of_meshes = {name: partial(draw, meshes) for name, draw in _OF_MESHES.items() if meshes}
-    return {**FIGURES, **_LATENT, **of_meshes}
+    """Return the functions that draw the images, by name.
+
+    meshes  the folder of real meshes; None leaves out the sheets of these
+    """
+    every: dict[str, Callable[[], Figure]] = {**FIGURES, **_LATENT}
+    if meshes:
+        for name, draw in _OF_MESHES.items():
+            every[name] = partial(draw, meshes)
+    return every
 
 
 def main() -> None:
@@ -165,8 +190,8 @@ def main() -> None:
     draw = drawings(options.meshes)
     if gone := [name for name in options.names if name not in draw]:
         parser.error(
-            f"{gone[0]}: no image; there are {', '.join(draw)}, and with --meshes PATH "
-            f"{', '.join(_OF_MESHES)}"
+            f"{gone[0]}: no image has this name; give one of {', '.join(draw)}, or with --meshes "
+            f"PATH one of {', '.join(_OF_MESHES)}"
         )
     for name in options.names or draw:
         save(draw[name](), options.out / f"{name}.png", dpi=DPI)

@@ -1,4 +1,4 @@
-"""Images of many objects at once, every metric of them, and views that are turned a little."""
+"""What studies share: images of many objects at once, all metrics of them, and turned views."""
 
 from __future__ import annotations
 
@@ -29,13 +29,15 @@ from data_prep.rendering.images import to_uint8
 from data_prep.rendering.opengl import render
 from data_prep.scene import Mesh, PointCloud, Renderer, UInt8Images, View
 
-TURN_DEG = 0.1  # 0.1 px at the rim of the unit sphere: what another driver may amount to
-DISTANCES = ("fd-views", "fd-views-grey", "fd-alexnet")
+# Degrees by which views are turned. It moves the rim of the unit sphere by 0.1 pixels, about as
+# much as another driver may move edges.
+TURN_DEG = 0.1
+DISTANCES = ("fd-views", "fd-views-grey", "fd-alexnet")  # of the first three fields of `Outputs`
 METRICS = (*IMAGE_METRICS, *DISTANCES, "kd-alexnet", *CONTROL_METRICS)
 
 
 class SceneSet(NamedTuple):
-    """Objects with a cloud and as many views each."""
+    """Objects with a cloud of each, and the same number of views of each."""
 
     meshes: tuple[Mesh, ...]
     clouds: tuple[PointCloud, ...]
@@ -45,50 +47,60 @@ class SceneSet(NamedTuple):
 def make_scene(
     class_name: str, objects: int, views: int, seed: str | int, condition: str = "2048"
 ) -> SceneSet:
-    """Return the first validation objects; `seed` chooses views, points and degradation.
+    """Return the first validation objects of a class, with random clouds and views.
+
+    objects    their number
+    views      number of views of each
+    seed       of the random views, points and degradation
+    condition  by which clouds are degraded
 
     Raises BadInput for an unknown condition.
     """
     perturbation = find(condition, CONDITIONS, "condition").perturbation
-    every = range(objects)
-    meshes = tuple(ProceduralObject(class_name, "validation", i).load() for i in every)
-    clouds = (
-        sample_surface(mesh, generator("noise floor", "cloud", seed, i))
-        for i, mesh in enumerate(meshes)
-    )
-    degraded = (
-        perturbation.apply(cloud, generator("noise floor", condition, seed, i))
-        for i, cloud in enumerate(clouds)
-    )
-    rngs = (generator("noise floor", "views", seed, i) for i in every)
-    return SceneSet(meshes, tuple(degraded), tuple(random_views(views, rng) for rng in rngs))
+    meshes, clouds, views_of_all = [], [], []
+    for i in range(objects):
+        mesh = ProceduralObject(class_name, "validation", i).load()
+        cloud = sample_surface(mesh, generator("noise floor", "cloud", seed, i))
+        degraded = perturbation.apply(cloud, generator("noise floor", condition, seed, i))
+        meshes.append(mesh)
+        clouds.append(degraded)
+        views_of_all.append(random_views(views, generator("noise floor", "views", seed, i)))
+    return SceneSet(meshes=tuple(meshes), clouds=tuple(clouds), views=tuple(views_of_all))
 
 
 def draw_all(
     renderer: Renderer, clouds: Sequence[PointCloud], views: Sequence[Sequence[View]]
 ) -> UInt8Images:
-    """Return images of clouds, each from its views, by a method that draws no random numbers."""
+    """Return images [N, V, H, W, 3] of N clouds, each from its V views.
+
+    renderer  of a method that uses no random numbers
+    """
     unused = np.random.default_rng(0)
-    return np.stack(
-        [
-            to_uint8(renderer.draw(renderer.prepare(cloud, unused), of_cloud, unused))
-            for cloud, of_cloud in zip(clouds, views, strict=True)
-        ]
-    )
+    images = []
+    for cloud, of_cloud in zip(clouds, views, strict=True):
+        state = renderer.prepare(cloud, unused)
+        images.append(to_uint8(renderer.draw(state, of_cloud, unused)))
+    return np.stack(images)
 
 
 def render_all(meshes: Sequence[Mesh], views: Sequence[Sequence[View]]) -> UInt8Images:
-    """Return the true images of meshes, each from its views."""
-    return np.stack([render(*pair) for pair in zip(meshes, views, strict=True)])
+    """Return the true images [N, V, H, W, 3] of N meshes, each from its V views."""
+    return np.stack([render(mesh, some) for mesh, some in zip(meshes, views, strict=True)])
 
 
 def turned(views: Sequence[View]) -> tuple[View, ...]:
-    """Return the views with TURN_DEG more of azimuth."""
+    """Return the views with azimuths that are TURN_DEG larger."""
     return tuple(replace(view, azimuth_deg=view.azimuth_deg + TURN_DEG) for view in views)
 
 
 class Outputs(NamedTuple):
-    """The outputs of the feature networks for images: [objects, views, d] each."""
+    """The outputs of the bundled networks for images, each [objects, views, d].
+
+    colour   features of the views network
+    grey     the same, of the images in grey
+    alexnet  features of AlexNet
+    answers  what the judge tells of images
+    """
 
     colour: NDArray[np.floating]
     grey: NDArray[np.floating]
@@ -97,7 +109,7 @@ class Outputs(NamedTuple):
 
 
 class FeatureNetworks:
-    """The bundled networks, which turn images into features as in a run."""
+    """The bundled networks that make features of images, as in a run."""
 
     def __init__(self) -> None:
         self.views = load_views_network(VIEWS_WEIGHTS)
@@ -105,13 +117,17 @@ class FeatureNetworks:
         self.alexnet = Lpips(find_lpips_weights())
 
     def __call__(self, images: UInt8Images) -> Outputs:
-        """Return features of images [objects, views, H, W, 3]."""
+        """Return the outputs for images [objects, views, H, W, 3]."""
+        objects, views = images.shape[:2]
         flat = images.reshape(-1, *images.shape[2:])
         grey = np.repeat(greyscale(flat)[..., None], 3, axis=-1)
-        colours = (view_features(self.views, part) for part in (flat, grey))
         alexnet = self.alexnet.encode(flat).features.numpy()
-        outputs = (*colours, alexnet, judge(self.judge, flat))
-        return Outputs(*(values.reshape(*images.shape[:2], -1) for values in outputs))
+        return Outputs(
+            colour=view_features(self.views, flat).reshape(objects, views, -1),
+            grey=view_features(self.views, grey).reshape(objects, views, -1),
+            alexnet=alexnet.reshape(objects, views, -1),
+            answers=judge(self.judge, flat).reshape(objects, views, -1),
+        )
 
 
 def cells(
@@ -121,18 +137,22 @@ def cells(
     outputs: Outputs,
     views: Sequence[Sequence[View]],
 ) -> dict[str, float]:
-    """Return every metric over all images of chairs, as the tables of a run take it.
+    """Return the value of each of METRICS over all images of chairs, as tables of a run have it.
 
-    Means are over the images that have a value; there are distances, medians of the judge's errors,
-    and the share of objects found.
+    truth, drawn            images [N, V, H, W, 3]
+    truth_outputs, outputs  of the feature networks for these
+    views                   V views of each chair
+
+    Scores of images are means over those that have one; the judge's errors are medians.
     """
-    scored = [all_scores(t, d) for t, d in zip(truth, drawn, strict=True)]
-    values = {
-        metric: finite_mean(np.concatenate([per_image[column(metric)] for per_image in scored]))
-        for metric in IMAGE_METRICS
-    }
-    for metric, x, y in zip(DISTANCES, truth_outputs, outputs, strict=False):
-        values[metric] = frechet_distance(_flat(x), _flat(y))
+    pairs = zip(truth, drawn, strict=True)
+    scored = [all_scores(true_images, images) for true_images, images in pairs]
+    values = {}
+    for metric in IMAGE_METRICS:
+        of_images = np.concatenate([scores_of_chair[column(metric)] for scores_of_chair in scored])
+        values[metric] = finite_mean(of_images)
+    for metric, features, others in zip(DISTANCES, truth_outputs, outputs, strict=False):
+        values[metric] = frechet_distance(_flat(features), _flat(others))
     values["kd-alexnet"] = kernel_distance(_flat(truth_outputs.alexnet), _flat(outputs.alexnet))
     answers = _flat(outputs.answers)
     azimuth = np.array([view.azimuth_deg for of_chair in views for view in of_chair])
@@ -148,7 +168,7 @@ def cells(
 
 
 def all_scores(truth: UInt8Images, drawn: UInt8Images) -> dict[str, NDArray[np.float64]]:
-    """Return every image metric [V] of images [V, H, W, 3], named as the columns of a record."""
+    """Return all image metrics [V] of images [V, H, W, 3], by the names of columns of records."""
     return scores(truth, drawn) | {"lpips": lpips(truth, drawn, single=True)}
 
 
@@ -159,4 +179,5 @@ def finite_mean(values: NDArray[np.float64]) -> float:
 
 
 def _flat(features: NDArray[np.floating]) -> NDArray[np.floating]:
+    """Return the features of all images, [objects * views, d]."""
     return features.reshape(-1, features.shape[-1])

@@ -2,10 +2,11 @@
 
     python -m studies.interval_coverage > results/docs/interval-coverage.csv
 
-Each shape is a distribution of the scores of single objects, with its true mean. Samples of so many
-objects are drawn from it, and counted are those whose interval (`bench.analysis.intervals`) holds
-the mean. The last two shapes are those of a method that fails on some objects: most scores lie
-close together, and now and then one is that of a blank image.
+Scores of single objects are drawn from distributions whose true means are known. For each
+distribution and each number of objects many samples are drawn, and the share of samples is counted
+whose interval (`bench.analysis.intervals`) holds the true mean. The last two distributions are
+those of a method that fails on some objects: most scores lie close together, and a few are that of
+a blank image.
 """
 
 from __future__ import annotations
@@ -22,23 +23,28 @@ from bench.analysis.intervals import mean_interval
 from data_prep.arrays import Floats
 from data_prep.randomness import generator
 
-OBJECTS = (8, 12, 24, 60, 100)
-SAMPLES = 20_000  # of a cell: the share of 95 % is then known to 0.15 % (one standard error)
-USUAL, SPREAD = 0.9, 0.02  # mean and standard deviation of scores of images that exist
-OF_BLANK = 0.3  # score of a blank image
+OBJECTS = (8, 12, 24, 60, 100)  # sizes of samples
+# Samples of each size from each distribution. A share of 95 % then has a standard error of 0.15 %.
+SAMPLES = 20_000
+USUAL, SPREAD = 0.9, 0.02  # mean and standard deviation of the scores of a method where it draws
+OF_BLANK = 0.3  # the score of a blank image, where it fails
 
 Draw = Callable[[np.random.Generator, tuple[int, int]], Floats]
 
 
 class Shape(NamedTuple):
-    """A distribution of scores: how samples [samples, objects] are drawn, and its mean."""
+    """A distribution of scores.
+
+    draw  returns random scores of a shape, [samples, objects]
+    mean  the true mean
+    """
 
     draw: Draw
     mean: float
 
 
 def _failing(share: float) -> Shape:
-    """Return scores of a method that fails on this share of the objects."""
+    """Return the distribution of scores of a method that fails on a share of the objects, 0..1."""
 
     def draw(rng: np.random.Generator, size: tuple[int, int]) -> Floats:
         failed = rng.random(size) < share
@@ -60,7 +66,11 @@ SHAPES: Mapping[str, Shape] = {
 
 
 def coverage(name: str, objects: int, samples: int = SAMPLES, seed: int = 0) -> float:
-    """Return the share of samples of so many objects whose interval holds the true mean, 0 to 1."""
+    """Return the share of samples whose interval holds the true mean, 0..1.
+
+    name     of a distribution, a key of SHAPES
+    objects  in a sample
+    """
     shape = SHAPES[name]
     drawn = shape.draw(generator(seed, "interval coverage", name, objects), (samples, objects))
     held = 0

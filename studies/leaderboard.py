@@ -2,8 +2,9 @@
 
     python -m studies.leaderboard > leaderboard.html
 
-It is made from `results/docs` as the leaderboards of `bench report`. As an extension of Sphinx it
-stands at the mark `<!-- leaderboard -->` of `docs/index.md`, or above its first section.
+It is made from the values in `results/docs`, in the form of the leaderboards of `bench report`. The
+module is also an extension of Sphinx, which puts the leaderboard in place of the comment
+`<!-- leaderboard -->` in `docs/index.md`.
 """
 
 from __future__ import annotations
@@ -42,16 +43,19 @@ from bench.report.page import bundled, rendered
 from studies.documents import NUMBERS, VERDICTS, Line, measured_method
 from studies.measurements import differences_of
 
-FULL = "2048"
-_MARK = "<!-- leaderboard -->"
+FULL = "2048"  # the condition of whole clouds without noise
+_MARK = "<!-- leaderboard -->"  # the comment in whose place the leaderboard is put
 
 
 @dataclass(frozen=True)
 class ResultGroup:
     """Two columns of the leaderboard: the headline metrics on a set of objects.
 
-    measurement  the name of the measurement (`studies.measurements`), whose values and comparisons
-                 with the best classical method are shown
+    name         title of the columns
+    objects      which objects they are, in words
+    measurement  name of the measurement (`studies.measurements`) whose values are shown, with its
+                 comparisons with the best classical method
+    condition    of the clouds
     """
 
     name: str
@@ -75,28 +79,25 @@ GROUPS = (
 
 
 def board(numbers: Path = NUMBERS, groups: Sequence[ResultGroup] = GROUPS) -> dict[str, Any]:
-    """Return the leaderboard of the results in a folder.
+    """Return the leaderboard of the results in a folder, as `bench.report.board.leaderboard` does.
 
-    Methods are sorted by the mean of their places in the columns that they have values in; weights
-    that are no method of the package are left out. Raises OSError where a file is missing.
+    Methods are sorted by the mean of their places in the columns in which they have values. Weights
+    that do not belong to the package are left out.
+
+    Raises OSError where a file is missing.
     """
     columns = {group: _group(numbers, group) for group in groups}
-    valued = dict.fromkeys(
-        line["method"] for g in groups for line in _read(numbers / f"{g.measurement}.csv")
-    )
-    methods = [
-        method
-        for method in valued
-        if any(method in column.cells for group in columns.values() for column in group.columns)
-    ]
+    shown: set[str] = set()  # methods with a value in some column
+    for of_group in columns.values():
+        for column in of_group.columns:
+            shown.update(column.cells)
+    methods: list[str] = []  # these in the order of the files
+    for group in groups:
+        for line in _read(numbers / f"{group.measurement}.csv"):
+            if line["method"] in shown and line["method"] not in methods:
+                methods.append(line["method"])
     competing = [method for method in methods if not is_reference(method)]
-    costs, cell = measured_methods(), ("lpips", FULL)  # a chosen row costs what is it by lpips
-    chosen = {name: row.best([cell], methods).get(cell, name) for name, row in CHOSEN.items()}
-    cost_cells = {
-        method: BoardCell(milliseconds(cost.one_view_ms), cost.one_view_ms)
-        for method in competing
-        if (cost := cost_of(chosen.get(method, method), costs))
-    }
+    cost_cells = _costs_of(competing, methods)
     return leaderboard(
         f"The {len(competing)} methods measured against the truth in grey, by the mean of their "
         "places",
@@ -124,8 +125,25 @@ def board(numbers: Path = NUMBERS, groups: Sequence[ResultGroup] = GROUPS) -> di
     )
 
 
+def _costs_of(competing: Sequence[str], methods: Sequence[str]) -> dict[str, BoardCell]:
+    """Return the cost of one view of each method that has been measured.
+
+    A row such as `best-classical` has the cost of the method that is chosen by LPIPS on whole
+    clouds, among `methods`.
+    """
+    costs, by = measured_methods(), ("lpips", FULL)
+    cells = {}
+    for method in competing:
+        measured = method
+        if method in CHOSEN:
+            measured = CHOSEN[method].best([by], methods).get(by, method)
+        if cost := cost_of(measured, costs):
+            cells[method] = BoardCell(milliseconds(cost.one_view_ms), cost.one_view_ms)
+    return cells
+
+
 def _group(numbers: Path, group: ResultGroup) -> BoardGroup:
-    """Return the columns of a group, with weights that are no method of the package left out."""
+    """Return the columns of a group, without weights that do not belong to the package."""
     lines = _read(numbers / f"{group.measurement}.csv")
     methods = dict.fromkeys(line["method"] for line in lines)
     columns = []
@@ -147,27 +165,33 @@ def _group(numbers: Path, group: ResultGroup) -> BoardGroup:
 
 @cache
 def _read(path: Path) -> tuple[Line, ...]:
+    """Return the lines of a CSV file."""
     with path.open(encoding="utf-8", newline="") as file:
         return tuple(csv.DictReader(file))
 
 
 def _lines(lines: Sequence[Line], group: ResultGroup, metric: str, method: str) -> list[Line]:
-    """Return the line of a value, which is an average over classes where there are several."""
+    """Return the lines of a value: that of the average over classes, or else those of classes."""
     wanted = {"method": method, "metric": metric, "condition": group.condition}
-    of_cell = [line for line in lines if wanted.items() <= line.items()]
-    return [line for line in of_cell if line["class"] == AVERAGE] or of_cell
+    of_classes = [line for line in lines if wanted.items() <= line.items()]
+    averages = [line for line in of_classes if line["class"] == AVERAGE]
+    return averages or of_classes
 
 
 def _verdicts(path: Path, group: ResultGroup, metric: str) -> dict[str, str]:
-    """Return the outcome of each method's comparison, of all classes together if several."""
+    """Return the outcome of each method's comparison in words, over all classes where there is one.
+
+    path  of the file of comparisons
+    """
     at = {"metric": metric, "condition": group.condition}
     lines = [line for line in _read(path) if at.items() <= line.items()]
-    lines.sort(key=lambda line: line["class"] == "all")  # it replaces those of single classes
+    # Lines of all classes together come last, and so replace those of single classes.
+    lines.sort(key=lambda line: line["class"] == "all")
     return {line["method_b"]: VERDICTS[line["ahead"]] for line in lines}
 
 
 def _fragment() -> str:
-    """Return the leaderboard as HTML that stands in a page of Sphinx, with style and script."""
+    """Return the leaderboard as a part of an HTML page, with its style and script."""
     return rendered(
         "board-fragment.html.jinja",
         board=board(),
@@ -175,8 +199,8 @@ def _fragment() -> str:
     )
 
 
-# The names of the page's colours, for the theme's; it changes them in the dark. Its column of text
-# is 46em wide: heads and words wrap so that the table fits.
+# The leaderboard's colours are set to those of the Sphinx theme, which has others for dark mode.
+# The theme's column of text is 46em wide, so titles and words have to wrap for the table to fit.
 _STYLE = """
 .leaderboard {
   --ink: var(--color-foreground-primary); --soft: var(--color-foreground-secondary);
@@ -194,14 +218,14 @@ _STYLE = """
 
 
 def show(_: Any, page: str, source: list[str]) -> None:
-    """Put the leaderboard at its mark in the front page."""
+    """Put the leaderboard into the front page, when Sphinx has read the source of a page."""
     if page == "index":
         raw = f"\n```{{raw}} html\n{_fragment()}\n```\n"
         source[0] = source[0].replace(_MARK, raw)
 
 
 def setup(app: Any) -> dict[str, bool]:
-    """Connect the leaderboard to a build of Sphinx."""
+    """Register this extension with Sphinx."""
     connect: Callable[..., Any] = app.connect
     connect("source-read", show)
     return {"parallel_read_safe": True}

@@ -1,15 +1,19 @@
-"""The runs that the documentation quotes, each with the files in `results/docs` made of it.
+"""The runs that the documentation quotes, and the files in `results/docs` that are made of them.
 
     python -m studies.measurements                      # the command of every run
     python -m studies.measurements NAME [--meshes PATH] [--out DIR] [further options of bench run]
 
-Carries out the run, or goes on with the one in DIR, and writes `results/docs/NAME.csv`, its tables
-of quality, and `NAME-differences.csv`: networks against the best classical method, object by
-object, as `bench compare` does, and further tables of the run that pages quote. `costs` writes the
-table of costs, `results/costs.csv`; `claims` has no run, but reads those of the suites that claims
-are about, in `results/runs`, and writes `results/claims.md`. `results/docs/measured.csv` has date,
-commit and processor of each. PATH is the folder of real meshes, see
-docs/datasets.md.
+The second command carries out a run, or continues the one in DIR, and writes into `results/docs`:
+
+NAME.csv              the values in the run's tables of quality
+NAME-differences.csv  comparisons of networks with the best classical method, object by object, as
+                      `bench compare` makes them
+further files         other tables of the run that pages quote
+measured.csv          date, commit and processor of every run
+
+The run `costs` writes the table of costs, `results/costs.csv`. `claims` is no run: it reads the
+runs in `results/runs` that claims are about, and writes `results/claims.md`. PATH is the folder of
+real meshes, see docs/datasets.md.
 """
 
 from __future__ import annotations
@@ -39,17 +43,19 @@ from bench.tables.table import TABLES, csv_text
 from data_prep.files.atomic_write import write_whole
 from studies.documents import NUMBERS
 
-FIRST = ("ssim", "ssim-object", "lpips")
-JUDGES = ("ssim", "lpips", "st-lpips", "dists", "flip")
-_RUN_COLUMNS = ("run_a", "run_b")  # where the run lay
-FULL = "2048"
-# Of `speed`; the processor's time, which other programs disturb less than the clock's.
+FIRST = ("ssim", "ssim-object", "lpips")  # metrics of most tables and comparisons
+JUDGES = ("ssim", "lpips", "st-lpips", "dists", "flip")  # metrics of `headline`
+_RUN_COLUMNS = ("run_a", "run_b")  # columns of comparisons with folders of runs, which are left out
+FULL = "2048"  # the condition of whole clouds without noise
+# Metrics of the suite `speed`: the processor's time, which other programs disturb less than the
+# time on the clock.
 ONE_VIEW, FURTHER_VIEW = "picture-of-1-core-ms", "further-view-core-ms"
-RUNS = Path("results/runs")
+RUNS = Path("results/runs")  # where runs are kept, each in a folder of its name
 MEASURED = "measured.csv"
 COSTS_RUN, CLAIMS = "costs", "claims"
-CLAIMED = ("known-chairs", "thirteen-classes", "speed-of-pc2pix", "latent")
+CLAIMED = ("known-chairs", "thirteen-classes", "speed-of-pc2pix", "latent")  # runs with claims
 CLAIMS_FILE = "claims.md"
+# Parts of the options of several runs.
 _CLASSES = "--suite thirteen-classes"
 _REAL = f"{_CLASSES} --dataset folder:PATH"
 _ON_MESHES = f"{_REAL} --conditions 2048,512,noise-0.05,noise-0.10 --views 4"
@@ -61,12 +67,19 @@ _COMPARED_ON_CHAIRS = ("splat-net@chair", "fused-net", "pc2pix")
 
 
 class QuotedRun(NamedTuple):
-    """A run and its part in the documentation."""
+    """A run and what is written of it for the documentation.
 
-    options: str  # of `bench run`, with PATH for the folder of real meshes
-    compared: tuple[str, ...] = ()  # methods that are compared with the best classical method
-    metrics: tuple[str, ...] = ()  # of the table of values; empty for all of the run
-    copied: tuple[tuple[str, str], ...] = ()  # further tables, each with the name of its file
+    options   of `bench run`, with PATH for the folder of real meshes
+    compared  methods that are compared with the best classical method
+    metrics   of the file of values and of the comparisons; if there are none, all metrics of the
+              run and the comparisons of FIRST
+    copied    further tables of the run, each with the name of the file that it becomes
+    """
+
+    options: str
+    compared: tuple[str, ...] = ()
+    metrics: tuple[str, ...] = ()
+    copied: tuple[tuple[str, str], ...] = ()
 
 
 MEASUREMENTS: Mapping[str, QuotedRun] = {
@@ -142,9 +155,12 @@ def differences_of(name: str) -> str:
 
 
 def values(run: Run, metrics: Iterable[str]) -> str:
-    """Return the tables of quality of a run as one CSV file, of the given metrics or of all.
+    """Return the tables of quality of a run as the text of one CSV file.
 
-    Further metrics, which have no line for the mean of the classes, get one, without an interval.
+    metrics  those that are written; all if there are none
+
+    Tables of further metrics have no line for the mean over classes; it is added, without an
+    interval.
     """
     rows = [row for table in tables(run) for row in _rows(table.to_csv())]
     for table in further_tables(run):
@@ -155,27 +171,40 @@ def values(run: Run, metrics: Iterable[str]) -> str:
 
 
 def _averages(of_classes: pd.DataFrame, columns: list[str]) -> list[dict[str, str]]:
+    """Return a row for the mean over classes of each method and condition.
+
+    Columns that have the same text for all classes keep it, and others are empty.
+    """
     averages = []
-    for _, cell in of_classes.groupby(["method", "condition"], sort=False):
-        mean = f"{cell['value'].astype(float).mean():.6f}"
-        same = {name: cell[name].iloc[0] for name in columns if cell[name].nunique() == 1}
-        averages.append(
-            {name: same.get(name, "") for name in columns} | {"class": AVERAGE, "value": mean}
-        )
+    for _, rows in of_classes.groupby(["method", "condition"], sort=False):
+        average = {}
+        for name in columns:
+            average[name] = rows[name].iloc[0] if rows[name].nunique() == 1 else ""
+        average["class"] = AVERAGE
+        average["value"] = f"{rows['value'].astype(float).mean():.6f}"
+        averages.append(average)
     return averages
 
 
 def differences(directory: Path, methods: Iterable[str], metrics: Sequence[str] = FIRST) -> str:
-    """Return the comparisons of methods with the best classical method as one CSV file."""
+    """Return comparisons of methods with the best classical method as the text of one CSV file.
+
+    directory  of the run
+    """
     rows: list[dict[str, str]] = []
     for method in methods:
         pair = methods_of_run(directory, (BEST_CLASSICAL, method), metrics)
-        rows += _rows(differences_table(pair).to_csv())
-    return _written([{k: v for k, v in row.items() if k not in _RUN_COLUMNS} for row in rows])
+        for row in _rows(differences_table(pair).to_csv()):
+            rows.append({name: text for name, text in row.items() if name not in _RUN_COLUMNS})
+    return _written(rows)
 
 
 def costs(directory: Path) -> str:
-    """Return the table of costs: times of a run of the suite `speed`, and published scores."""
+    """Return the text of the table of costs, a CSV file.
+
+    Times are those of a run of the suite `speed` in `directory`. Scores are the mean of SSIM and
+    1 - LPIPS on real meshes, of methods without colours.
+    """
     speed = pd.read_csv(directory / TABLES / "speed.csv", dtype={"condition": str})
     speed = speed[(speed["condition"] == FULL) & (speed["threads"] == 1)].dropna(subset="value")
     ms = speed.pivot(index="method", columns="metric", values="value").sort_values(ONE_VIEW)
@@ -187,35 +216,48 @@ def costs(directory: Path) -> str:
     for method, times in zip(ms.index, ms[[ONE_VIEW, FURTHER_VIEW]].to_numpy(), strict=True):
         scored = method in scores and find_method(method).color == "none" and not role(method)
         score = f"{scores[method]:.4f}" if scored else ""
-        lines.append([method, *(f"{time:.6g}" for time in times), score])
+        one_view, further_view = times
+        lines.append([method, f"{one_view:.6g}", f"{further_view:.6g}", score])
     return csv_text(["method", "one_view_ms", "further_view_ms", "score"], lines)
 
 
 def _rows(text: str) -> list[dict[str, str]]:
+    """Return the rows of a CSV text."""
     return list(csv.DictReader(io.StringIO(text)))
 
 
 def _written(rows: list[dict[str, str]]) -> str:
+    """Return rows, at least one, all with the same columns, as CSV."""
     return csv_text(list(rows[0]), (row.values() for row in rows))
 
 
 def command(name: str, meshes: Path | None = None) -> list[str]:
-    """Return the arguments of `bench` that carry out a run, without its folder."""
+    """Return the arguments of `bench` that carry out a run, without the option for its folder.
+
+    meshes  the folder of real meshes; None leaves the word PATH in its place
+    """
     options = MEASUREMENTS[name].options.split()
-    return ["run", *(o.replace("PATH", str(meshes or "PATH")) for o in options)]
+    return ["run", *(option.replace("PATH", str(meshes or "PATH")) for option in options)]
 
 
 def measure(
     name: str, out: Path, meshes: Path | None, more: Iterable[str] = (), numbers: Path = NUMBERS
 ) -> None:
-    """Carry out a run and write its files into `numbers`, with its line of `measured.csv`.
+    """Carry out a run, and write its files and its line of `measured.csv` into a folder.
 
-    Raises subprocess.CalledProcessError where the run fails; it has said why.
+    out      the folder of the run
+    meshes   the folder of real meshes, for runs that need it
+    more     further options of `bench run`
+    numbers  the folder that files are written into
+
+    Raises subprocess.CalledProcessError where the run fails; it has printed why.
     """
     measurement = MEASUREMENTS[name]
     arguments = command(name, meshes)
     _bench(*arguments, "--out", str(out), *more)
-    texts = {f"{name}.csv": values(read_run(out), measurement.metrics)} if of_scores(name) else {}
+    texts = {}
+    if of_scores(name):
+        texts[f"{name}.csv"] = values(read_run(out), measurement.metrics)
     if name == COSTS_RUN:
         write_whole(COSTS, costs(out).encode())
     if measurement.compared:
@@ -232,7 +274,12 @@ def measure(
 
 
 def measured(text: str, name: str, manifest: Mapping[str, Any], arguments: list[str]) -> str:
-    """Return the text of `measured.csv` with a measurement: when, with which code, and where."""
+    """Return the text of `measured.csv` with the line of a measurement added or replaced.
+
+    text       before
+    manifest   of the run, which has date, commit and processor
+    arguments  the command
+    """
     rows = {row["name"]: row for row in _rows(text) if row["name"] in MEASUREMENTS}
     rows[name] = {
         "name": name,
@@ -245,7 +292,7 @@ def measured(text: str, name: str, manifest: Mapping[str, Any], arguments: list[
 
 
 def check_claims(runs: Path = RUNS) -> None:
-    """Write `results/claims.md` from the runs of the suites that claims are about."""
+    """Check the claims by the runs in a folder, and write `results/claims.md`."""
     _bench("check", *(str(runs / name) for name in CLAIMED), "--claims")
     text = (runs / CLAIMED[0] / CLAIMS_FILE).read_bytes()
     write_whole(COSTS.with_name(CLAIMS_FILE), text)
@@ -256,10 +303,16 @@ def _bench(*arguments: str) -> None:
 
 
 def of_scores(name: str) -> bool:
-    """Return whether a measurement leaves tables of quality for the pages."""
+    """Return whether the values of a measurement are written for the pages.
+
+    They are not for `known-chairs`, which is run for the claims alone, and for suites with tables
+    of their own.
+    """
+    if name == "known-chairs":
+        return False
     options = MEASUREMENTS[name].options.split()
-    suite = options[options.index("--suite") + 1]
-    return name not in CLAIMED[:1] and suite in {suite.id for suite in SUITES}
+    asked = options[options.index("--suite") + 1]
+    return asked in {suite.id for suite in SUITES}
 
 
 def main() -> None:

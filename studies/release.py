@@ -1,8 +1,9 @@
-"""Whether version and date are the same wherever they stand; the first step of `make release`.
+"""A check that version and date are the same in all files; it is the first step of `make release`.
 
     python -m studies.release
 
-Prints the version, or what differs and in which file, and then ends with status 1.
+It prints the version. Where something differs it prints what and in which file, and ends with
+status 1.
 """
 
 from __future__ import annotations
@@ -15,37 +16,37 @@ from pathlib import Path
 from bench.commands.cite import bibtex
 
 REPOSITORY = Path(__file__).parents[1]
-UNRELEASED = "unreleased"
+UNRELEASED = "unreleased"  # stands in place of the date before a release
 _SECTION = re.compile(rf"^## \[(\d+\.\d+\.\d+)\] - (\d{{4}}-\d\d-\d\d|{UNRELEASED})$", re.M)
 
 
 def version_of(folder: Path) -> str:
-    """Return the version that a checkout is to be released as."""
+    """Return the version that `pyproject.toml` in a folder states."""
     return tomllib.loads(_read(folder, "pyproject.toml"))["project"]["version"]
 
 
 def differences(folder: Path) -> list[str]:
-    """Return where the version or its date differ from `pyproject.toml` and `CITATION.cff`."""
+    """Return messages about files in a folder with another version or date.
+
+    The version is that of `pyproject.toml`, and the date that of `CITATION.cff`.
+    """
     version, citation = version_of(folder), _read(folder, "CITATION.cff")
     (date,) = re.findall("^date-released: (.*)$", citation, re.M)
     year = re.findall("^  year: (.*)$", citation, re.M)
-    sections = dict(_SECTION.findall(_read(folder, "CHANGELOG.md")))
-    wrong = [
-        f"CITATION.cff: version {cited}, not {version}"
-        for cited in re.findall("^ *version: (.*)$", citation, re.M)
-        if cited != version
-    ]
+    sections = dict(_SECTION.findall(_read(folder, "CHANGELOG.md")))  # dates by version
+    wrong = []
+    for cited in re.findall("^ *version: (.*)$", citation, re.M):
+        if cited != version:
+            wrong.append(f"CITATION.cff: version {cited}, not {version}")
     if year != [date[:4]]:
         wrong.append(f"CITATION.cff: the year is {', '.join(year)}, the date {date}")
     if bibtex(citation) not in _read(folder, "README.md"):
         wrong.append("README.md: its BibTeX is not that of CITATION.cff")
     if sections.get(version) != date:
         wrong.append(f"CHANGELOG.md: no section '## [{version}] - {date}'")
-    wrong += [
-        f"CHANGELOG.md: {earlier} is older, and {UNRELEASED}"
-        for earlier, its_date in [*sections.items()][1:]
-        if its_date == UNRELEASED
-    ]
+    for earlier, its_date in list(sections.items())[1:]:
+        if its_date == UNRELEASED:
+            wrong.append(f"CHANGELOG.md: {earlier} is older, and {UNRELEASED}")
     return [f"{line}; make version VERSION={version}" for line in wrong]
 
 

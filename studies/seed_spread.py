@@ -1,14 +1,15 @@
-"""The spread of trainings of one network that differ in their seeds alone.
+"""The spread of scores between trainings of one network that differ only in their seeds.
 
     bench run --suite chair-robustness --methods pc2pix,pc2pix@1.safetensors,pc2pix@2.safetensors
     bench table DIR --format csv > values.csv
     python -m studies.seed_spread values.csv \
         pc2pix=pc2pix@1.safetensors,pc2pix@2.safetensors > results/seeds.csv
 
-The first argument is a file, each further one a bundled network and the other trainings of it.
-Prints CSV: by network, metric and condition the number of trainings, the lowest and the highest
-value, their difference with as many digits as tables have, and the checksum of the bundled
-weights. What the claims compare is a tie where it is smaller than that difference.
+The first argument is the file of values. Each further one names a bundled network, and the weights
+of its other trainings. The output is CSV with a line for each network, metric and condition: the
+number of trainings, the lowest and the highest value, their difference rounded as tables round
+values, and the checksum of the bundled weights. Claims take smaller differences between methods for
+a tie.
 """
 
 from __future__ import annotations
@@ -25,16 +26,23 @@ from bench.catalogue.methods import find_method
 from data_prep.files.checksums import file_sha256
 
 METRICS = (
-    *("ssim", "luminance", "contrast", "structure", "lpips", "fd-views", "fd-alexnet"),
-    *("thin-recall", "thin-precision"),
+    "ssim",
+    "luminance",
+    "contrast",
+    "structure",
+    "lpips",
+    "fd-views",
+    "fd-alexnet",
+    "thin-recall",
+    "thin-precision",
 )
 
 
 def spreads(values: pd.DataFrame, trainings: Mapping[str, Sequence[str]]) -> pd.DataFrame:
     """Return the rows of the output, without checksums.
 
-    values     method, condition, metric, value, as `bench table --format csv` prints them
-    trainings  by network, the methods that are the same but for the seed, itself among them
+    values     with the columns method, condition, metric and value of `bench table --format csv`
+    trainings  for each network, the methods of all its trainings, its own included
 
     Raises ValueError where a training lacks a value that another one has.
     """
@@ -44,7 +52,8 @@ def spreads(values: pd.DataFrame, trainings: Mapping[str, Sequence[str]]) -> pd.
         for (metric, condition), group in chosen.groupby(["metric", "condition"], sort=False):
             if sorted(group["method"]) != sorted(methods):
                 raise ValueError(
-                    f"{metric} at {condition}: values of {list(group['method'])} alone"
+                    f"{metric} at {condition}: there are values of {list(group['method'])} only, "
+                    f"not of all of {list(methods)}; run them all in one folder"
                 )
             low, high = group["value"].min(), group["value"].max()
             spread = round(high - low, decimals(str(metric)))

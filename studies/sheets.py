@@ -27,10 +27,11 @@ from studies.images import draw_all
 if TYPE_CHECKING:
     from matplotlib.figure import Figure
 
-SMALL = 6.5  # points, of text
-VIEW = View(azimuth_deg=30, elevation_deg=20)
-METRIC = "lpips"  # by which the best classical method is the best
-_CONDITION_TITLES = {"2048": "clean", "noise-0.10": "noise 10 %"}
+SMALL = 6.5  # size of the text, in points
+VIEW = View(azimuth_deg=30, elevation_deg=20)  # of all images of real meshes
+METRIC = "lpips"  # the metric by which `best-classical` is the best method
+_CONDITION_TITLES = {"2048": "clean", "noise-0.10": "noise 10 %"}  # of the rows of an object
+# The methods of each sheet, in the order of its columns.
 _NETWORKS = ("fused-net@grey", "splat-net@grey")
 ANSWER = (*_NETWORKS, BEST_CLASSICAL, "pc2pix")
 REAL = (*_NETWORKS, "occupancy-net", BEST_CLASSICAL)
@@ -40,44 +41,56 @@ SCANNED = ("splat", "alpha-wrap", "surface-apss", "occupancy-net", "fused-net@gr
 def draw_objects(
     meshes: Path, classes: Sequence[str], methods: Sequence[str], width_in: float
 ) -> Figure:
-    """Draw the first real mesh of each class, clean and under noise, by each method."""
+    """Return a sheet of the first real mesh of each class, clean and under noise, by each method.
+
+    meshes    the folder of real meshes
+    width_in  width of the sheet, in inches
+    """
     real = open_dataset(f"folder:{meshes}")
-    rows = [
-        (f"{name}\n{title}", _row(GreyObject(real.objects(name, 1, 1)[0]), condition, methods))
-        for name in classes
-        for condition, title in _CONDITION_TITLES.items()
-    ]
+    rows = []
+    for name in classes:
+        shape = GreyObject(real.objects(name, 1, 1)[0])
+        for condition, title in _CONDITION_TITLES.items():
+            rows.append((f"{name}\n{title}", _row(shape, condition, methods)))
     titles = ["truth", "cloud", *methods]
     return image_sheet(titles, rows, width_in=width_in, fontsize=SMALL, interpolation="antialiased")
 
 
 def _row(shape: SceneObject, condition: str, methods: Sequence[str]) -> Iterator[Image]:
+    """Yield the true image of an object, its cloud, and the images of methods."""
     perturbation = find(condition, CONDITIONS, "condition").perturbation
     sampled = shape.cloud(generator("sheet", shape.object_id))
     cloud = perturbation.apply(sampled, generator("sheet", condition, shape.object_id))
     yield shape.truth([VIEW])[0]
     yield draw_dots(cloud.points, [VIEW])[0]
     for method in methods:
-        known = CHOSEN.get(method)
-        drawer = known.ranking[METRIC, condition][0] if known else method
-        yield draw_all(load_renderer(drawer, "cpu"), [cloud], [[VIEW]])[0, 0]
+        chosen = CHOSEN.get(method)
+        if chosen:  # `best-classical` stands for the first of a ranking
+            method = chosen.ranking[METRIC, condition][0]
+        yield draw_all(load_renderer(method, "cpu"), [cloud], [[VIEW]])[0, 0]
 
 
 def draw_scans(meshes: Path, methods: Sequence[str], width_in: float) -> Figure:
-    """Draw each scan beside the real meshes from two sides, by each method."""
-    rows = [
-        (
-            f"{path.parent.name}\n{azimuth_deg}°",
-            [draw_cloud(path, azimuth_deg, method=method) for method in methods],
-        )
-        for path in sorted((meshes / "pointclouds").rglob("*.ply"))
-        for azimuth_deg in (30, -150)
-    ]
+    """Return a sheet of all scans from two sides, by each method.
+
+    meshes    the folder of real meshes, whose folder "pointclouds" has the scans
+    width_in  width of the sheet, in inches
+    """
+    rows = []
+    for path in sorted((meshes / "pointclouds").rglob("*.ply")):
+        for azimuth_deg in (30, -150):
+            images = [draw_cloud(path, azimuth_deg, method=method) for method in methods]
+            rows.append((f"{path.parent.name}\n{azimuth_deg}°", images))
     return image_sheet(methods, rows, width_in=width_in, fontsize=SMALL)
 
 
 def draw_path(method: str, positions: int, width_in: float) -> Figure:
-    """Draw what a network of codes makes of the path between two test chairs."""
+    """Return a strip of images of a network along the path between the codes of two test chairs.
+
+    method     a network that makes codes, "pc2pix" for example
+    positions  number of codes on the path
+    width_in   width of the strip, in inches
+    """
     (pair,) = choose_pairs(specified_chairs("test", 2), generator(0, "latent pairs"))
     classifier = load_views_network(VIEWS_WEIGHTS)
     _, strip = walk(load_network(method, "cpu", VIEW), classifier, pair, 0, positions)

@@ -1,15 +1,17 @@
-"""Measure what a stretch of the up-sampler's training has brought, on validation objects.
+"""Scores of the up-sampler on validation objects, which show the progress of its training.
 
     python -m studies.upsampler NAME [--weights FILE] [--losses training/upsampler/losses.csv]
     python -m studies.upsampler NAME --opponent METHOD
 
-Adds the line NAME to `baselines/upsampler/weights/log.csv`. It has the means of the last 50 lines
-of losses.csv; how far the points filled up by the network lie from the surface, sixteen for each,
-and by what angle their normals are off; and the scores of the images of upsampled-wrap. The second
-command adds the scores of another method, for the same clouds and views.
+The first command adds a line with this name to `baselines/upsampler/weights/log.csv`. It has the
+means of the last 50 lines of losses.csv, and the scores of the images of upsampled-wrap. For the
+points that the network adds to a cloud, sixteen for each, it has the mean distance from the true
+surface, in thousandths of the object's radius, and the mean angle between their normals and the
+true ones, in degrees. The second command adds a line with the scores of another method, for the
+same clouds and views.
 
-Two objects of each class of `procedural:validation`, four views, truth in grey. Distances are means
-over the points, in thousandths of the object's radius; angles are means in degrees.
+The objects are two of each class of `procedural:validation`, with four views each; the true images
+are in grey.
 """
 
 from __future__ import annotations
@@ -43,17 +45,18 @@ from data_prep.rendering.images import to_uint8
 from data_prep.scene import PointCloud
 
 CONDITIONS = ("2048", "512", "noise-0.05", "noise-0.10")
-OBJECTS, VIEWS = 2, 4  # of each class, and of each object
-FOR_ONE = 16  # places around each point of a cloud; their distances and angles are averaged
+OBJECTS, VIEWS = 2, 4  # objects of each class, and views of each object
+FOR_ONE = 16  # points that the network adds around each point of a cloud
 LOG = Path(__file__).resolve().parents[1] / "baselines" / "upsampler" / "weights" / "log.csv"
 _TRAINING = ("steps", "distance", "normals", "validation")
 _MEASURED = ("points", "degrees", "ssim", "lpips")
 COLUMNS = ("name", *_TRAINING, *(f"{m} {c}" for c in CONDITIONS for m in _MEASURED))
-_LAST = 50  # lines of losses.csv; each holds the losses of one step, every tenth is written
+# Last lines of losses.csv whose means are taken. A line has the losses of one step, of every tenth.
+_LAST = 50
 
 
 def validation_objects() -> Iterator[SceneObject]:
-    """Yield the objects, in grey."""
+    """Yield the validation objects, whose true images are in grey."""
     dataset = open_dataset("procedural:validation")
     for name in dataset.classes:
         for obj in dataset.objects(name, OBJECTS, OBJECTS, "validation"):
@@ -61,11 +64,11 @@ def validation_objects() -> Iterator[SceneObject]:
 
 
 def measured(method_id: str, objects: Iterable[SceneObject]) -> dict[str, float]:
-    """Return the mean scores of a method, by column.
+    """Return the mean scores of a method, by column of the log.
 
-    Of upsampled-wrap also how far its filled-up points and their normals are off.
+    For upsampled-wrap these include the errors of the points that its network adds.
 
-    Raises StageFailure where the method fails at one of the objects.
+    Raises StageFailure where the method fails on one of the objects.
     """
     renderer = find_method(method_id).load("cpu")
     rows: dict[str, list[float]] = {}
@@ -91,7 +94,10 @@ def measured(method_id: str, objects: Iterable[SceneObject]) -> dict[str, float]
 def of_points(
     renderer: UpsampledWrapRenderer, cloud: PointCloud, obj: SceneObject, rng: np.random.Generator
 ) -> dict[str, float]:
-    """Return how far filled-up points lie from the surface, and the angle between normals there."""
+    """Return the mean errors of the points that the network adds to a cloud.
+
+    They are the distance from the surface of the object, and the angle between normals there.
+    """
     points, _ = used_points(cloud, NORMAL_NEIGHBOURS + 1, MOST_POINTS, "surfaces")
     dense = LearnedSurface(renderer.network, points).upsampled(FOR_ONE)
     mesh = obj.load()
@@ -104,7 +110,7 @@ def of_points(
 
 
 def with_line(text: str, line: dict[str, Any]) -> str:
-    """Return the log with a line, in place of the one of that name if there is one."""
+    """Return the text of the log with a line, which replaces one of the same name."""
     rows = {row["name"]: row for row in csv.DictReader(io.StringIO(text))}
     rows[line["name"]] = {column: _short(line.get(column, "")) for column in COLUMNS}
     return csv_text(COLUMNS, (row.values() for row in rows.values()))
@@ -115,7 +121,7 @@ def _short(value: Any) -> str:
 
 
 def last_losses(path: Path) -> dict[str, Any]:
-    """Return the steps of a training, and the means of its last losses."""
+    """Return the number of steps of a training, and the means of its last losses by name."""
     losses = pd.read_csv(path)
     last = losses.tail(_LAST)
     means = {name: float(last[name].mean()) for name in _TRAINING[1:]}
@@ -123,7 +129,7 @@ def last_losses(path: Path) -> dict[str, Any]:
 
 
 def main() -> None:
-    """Measure and add a line to the log."""
+    """Measure a network or another method, and add a line to the log."""
     assert __doc__
     parser = argparse.ArgumentParser(description=__doc__.splitlines()[0])
     parser.add_argument("name")
