@@ -29,7 +29,6 @@ _GREY_FILES = {
     "43900479f408": "d81ce265948ae583db8aec0a6d9d075a6602b1bcde7ab1db21b5685c17b6010c",
     "e5be7a567f23": "bb4d03c1b3594fee5d69278ea889ffa4bc84b923a1a3cfbe0906c02088cc6b0a",
 }
-_TO_PAPER_WIDTH = 4  # the bundled networks have a quarter of it
 
 
 @dataclass(frozen=True)
@@ -108,15 +107,20 @@ FUSED_NET = _NetworkPackage(
 )
 
 
-def widened(device: str) -> Renderer:
-    """Return the bundled pc2pix at the paper's width: the same images, the paper's cost."""
+def paper_width(device: str) -> Renderer:
+    """Return the bundled pc2pix with an untrained generator of the paper's width, for its cost.
+
+    Its images show nothing. The time that it takes does not depend on the weights.
+    """
+    from learning.training_loop import seeded
+    from pc2pix.model import PAPER, Generator
     from pc2pix.renderer import Pc2pixRenderer
     from pc2pix.weights import load_weights
-    from pc2pix.widen import widen
 
     weights = load_weights(BUNDLED)
-    weights = replace(weights, generator=widen(weights.generator, _TO_PAPER_WIDTH))
-    return Pc2pixRenderer(weights, device=chosen_device(device))
+    config = replace(weights.generator.config, width=PAPER.width)
+    generator = seeded(0, lambda: Generator(config)).eval().requires_grad_(False)
+    return Pc2pixRenderer(replace(weights, generator=generator), device=chosen_device(device))
 
 
 def chosen_device(device: str) -> str:

@@ -79,8 +79,8 @@ COST_VARIANTS = (
     replace(
         METHODS[0],
         id="pc2pix@paper",
-        load=loaders.widened,
-        source="the bundled pc2pix at the paper's width: same images, the paper's cost",
+        load=loaders.paper_width,
+        source="pc2pix with an untrained generator of the paper's width, for its cost alone",
     ),
 )
 RECOMMENDED = "fused-net@grey"  # for a cloud of an unknown object: docs/trade.md

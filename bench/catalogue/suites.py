@@ -201,7 +201,7 @@ SUITES = (
             *(f"surface-bpa@radius={percent}" for percent in (2, 3, 5)),
             *_ids("poisson@depth=5 poisson@depth=6 poisson poisson@depth=8 alpha-wrap"),
             *_ids("denoised-wrap@ball=1.5 denoised-wrap denoised-wrap@ball=3 denoised-wrap@ball=4"),
-            *_ids("occupancy-net pc2pix pc2pix@paper splat-net@chair splat-net"),
+            *_ids("occupancy-net pc2pix splat-net@chair splat-net"),
             *_ids("fused-net splat@spread=0.5 splat splat@spread=1.5 splat@spread=2 splat-fill"),
             *_ids("true-mesh constant blank"),
         ),

@@ -196,8 +196,8 @@ def speed_table(
             yield (
                 "The paper gives one number for each approach, on an NVIDIA GTX 1060, and does not "
                 "say how many images a reconstruction was shared by. pc2pix@paper has the paper's "
-                "width: it is made of the bundled pc2pix, which has a quarter of it, when it is "
-                "loaded."
+                "width, four times that of the bundled pc2pix, and an untrained generator: the "
+                "time does not depend on the weights."
             )
         for condition in ordered(rows["condition"]):
             yield f"An image at {markdown.cell(condition)}, its cloud's preparation included, ms:"

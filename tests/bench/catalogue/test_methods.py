@@ -5,6 +5,7 @@ from __future__ import annotations
 import re
 from dataclasses import replace
 
+import numpy as np
 import pytest
 
 from bench.catalogue.methods import (
@@ -22,6 +23,8 @@ from bench.catalogue.methods import (
 )
 from data_prep.failures import BadInput
 from data_prep.files.checksums import file_sha256
+from data_prep.scene import View
+from tests.baselines.clouds import chair_cloud
 
 
 def test_every_method_says_what_it_was_trained_on():
@@ -130,4 +133,11 @@ def test_grey_methods_keep_the_keys_of_their_jobs():
 
 
 def test_the_paper_width_is_the_papers():
-    assert find_method("pc2pix@paper").load("cpu").generator.config.width == 1.0
+    """A generator that is made anew each time draws the same images, by its seed."""
+    renderer, again = (find_method("pc2pix@paper").load("cpu") for _ in range(2))
+    assert renderer.weights.generator.config == replace(
+        find_method("pc2pix").load("cpu").weights.generator.config, width=1.0
+    )
+    views = [View(30, 20)]
+    image = renderer.draw(renderer.prepare(chair_cloud(256)), views)
+    assert np.array_equal(again.draw(again.prepare(chair_cloud(256)), views), image)
