@@ -28,7 +28,7 @@ from data_prep.failures import BadInput, MissingDependency
 from data_prep.progress import log
 from learning import checkpoint, loss_log
 from learning.configuration import Cadence, TimeLimit
-from learning.divergence import DivergenceDetector, TrainingDiverged
+from learning.divergence import TrainingDiverged
 from learning.processes import Processes, connect, local_rank
 from learning.trainer import NetworkTrainer
 from learning.weights import understanding_header
@@ -156,7 +156,7 @@ def run(
     Raises BadInput where the checkpoint belongs to another configuration, other data or another
     number of processes; where it has more steps; and where its last steps depended on the old
     number of steps and no earlier checkpoint was kept. Raises TrainingDiverged where a loss or a
-    weight is NaN or infinite, and where a loss explodes.
+    weight is NaN or infinite.
     """
     config, processes = trainer.config, trainer.processes
     path, losses_csv = out_dir / checkpoint.FILE_NAME, out_dir / loss_log.FILE_NAME
@@ -175,7 +175,6 @@ def run(
     cadence: Cadence = config.cadence
     writes = processes.rank == 0
     independent = trainer.independent_steps(config.steps)
-    detector = DivergenceDetector(loss_log.read_losses(losses_csv, first)[1])
     rows = loss_log.LossLog(losses_csv, first) if writes else None
     rate = _Rate(first)
     last_saved = first if path.is_file() else None
@@ -225,8 +224,6 @@ def run(
                     seconds_left=(config.steps - step) / speed if speed else None,
                 )
                 on_progress(report)
-            if problem := detector.add(losses):
-                raise diverged(step, problem)
         if saves:
             state = _whole_state(trainer)
             bad = not checkpoint.all_finite(state.values())
@@ -243,7 +240,6 @@ def run(
             image = trainer.sheet()
             if image is not None:
                 _write_png(out_dir / "sheets" / f"step-{step:06d}.png", image)
-            loss_log.write_loss_curves(losses_csv, out_dir / "losses.png", step)
         if last:
             break
         ending.note(saved=saves)

@@ -86,7 +86,6 @@ def test_a_killed_run_resumes_bit_for_bit_and_may_be_lengthened(name, tmp_path):
     for sheet in sheets:
         with Image.open(sheet) as image:
             assert image.size == train.sheet
-    assert (folder / "losses.png").stat().st_size > 1000
     assert not list(folder.glob(".*"))
 
 
