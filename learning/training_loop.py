@@ -208,22 +208,21 @@ def run(
                     if not math.isfinite(value):
                         raise diverged(number, f"{name} is {value}")
             unread.clear()
-        if logs:
+        if logs and rows:
             # A row is written before the checkpoint of the same step, so that a checkpoint never
             # has a step that is not logged.
-            if rows:
-                rows.add(step, losses)
-                images = trainer.batch * processes.count
-                speed = rate.steps_per_s()
-                report = StepReport(
-                    step=step,
-                    steps=config.steps,
-                    losses=losses,
-                    images=step * images,
-                    images_per_s=speed * images if speed else None,
-                    seconds_left=(config.steps - step) / speed if speed else None,
-                )
-                on_progress(report)
+            rows.add(step, losses)
+            images = trainer.batch * processes.count
+            speed = rate.steps_per_s()
+            report = StepReport(
+                step=step,
+                steps=config.steps,
+                losses=losses,
+                images=step * images,
+                images_per_s=speed * images if speed else None,
+                seconds_left=(config.steps - step) / speed if speed else None,
+            )
+            on_progress(report)
         if saves:
             state = _whole_state(trainer)
             bad = not checkpoint.all_finite(state.values())

@@ -10,7 +10,6 @@ from numpy.typing import NDArray
 
 from bench.metrics.flip import flip
 from bench.metrics.invented import invented_holes, invented_parts
-from bench.metrics.multiscale_similarity import ms_ssim
 from bench.metrics.peak_signal_to_noise import psnr
 from bench.metrics.silhouette import Pairs, overlap
 from bench.metrics.structural_similarity import ssim_per_image_and_mask
@@ -40,7 +39,6 @@ def _st_lpips(
 
 # Metrics that no suite has: `bench run --metrics` and `bench score` take them of kept images.
 FURTHER_SCORES: Mapping[str, _Score] = {
-    "ms-ssim": ms_ssim,
     "flip": flip,
     "dists": _dists,
     "st-lpips": _st_lpips,

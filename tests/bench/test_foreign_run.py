@@ -82,7 +82,7 @@ COMMANDS = (
     ("compare", "run", "--methods", "splat,blank"),
     ("compare", "run", "other"),
     ("report", "run"),
-    ("score", "run", "--metrics", "ms-ssim"),
+    ("score", "run", "--metrics", "flip"),
     ("add", "splat", "run"),
     ("run", "--config", "run/manifest.json", "--dry-run"),
     ("run", "--suite", "chair-robustness", "--limit", "3", "--views", "2", "--out", "run"),

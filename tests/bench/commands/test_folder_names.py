@@ -26,7 +26,7 @@ WORKS = {  # command lines with N for the folder's name, and their exit status
     "compare N run --metric ssim --format json": 0,
     "compare N run --metric ssim --format text --out N/x": 0,
     "compare N --methods splat,blank --metric ssim --format latex": 0,
-    "score N --metrics ms-ssim": 0,
+    "score N --metrics flip": 0,
     "new method mine --out N/mine": 0,
 }
 REFUSED = {

@@ -55,7 +55,7 @@ def test_without_all_methods_to_choose_from_and_metrics_that_suites_show(command
     assert methods[0] == RECOMMENDED
     assert sorted(methods) == sorted(CHOOSE_FOR)
     metrics = [name for name in METRICS if any(name in suite.metrics for suite in SUITES)]
-    on_request = {"ms-ssim", "flip", "dists", "st-lpips", "invented-holes", "invented-parts"}
+    on_request = {"flip", "dists", "st-lpips", "invented-holes", "invented-parts"}
     assert {*BY_SECTION["metrics"]} - {*metrics} == on_request
     assert [name for name in sections.pop("metrics") if name in METRICS] == metrics
     assert sections == {title: BY_SECTION[title] for title in ("suites", "conditions")}
@@ -83,7 +83,7 @@ def test_metrics_say_which_way_is_better_and_which_are_in_the_headline():
     assert stars[:-1] == ["ssim-object", "lpips"]  # the last one is the note
     better = dict(re.findall(r"^[* ] (\S+) +(higher|lower) ", "\n".join(lines), re.MULTILINE))
     assert list(better) == BY_SECTION["metrics"]
-    higher = {"ssim", "retrieval", "ms-ssim"}
+    higher = {"ssim", "retrieval"}
     lower = {"lpips", "fd-views", "flip", "dists", "st-lpips", "kd-alexnet", "invented-holes"}
     assert {better[name] for name in higher} == {"higher"}
     assert {better[name] for name in lower} == {"lower"}

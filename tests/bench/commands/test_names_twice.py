@@ -17,14 +17,14 @@ ROBUSTNESS = "run --suite chair-robustness --dry-run --limit 1 --views 1"
 CASES = {
     f"{ROBUSTNESS} --methods splat,constant,splat": f"{ROBUSTNESS} --methods splat,constant",
     f"{ROBUSTNESS} --conditions 512,512": f"{ROBUSTNESS} --conditions 512",
-    f"{ROBUSTNESS} --metrics flip,ms-ssim,flip": f"{ROBUSTNESS} --metrics flip,ms-ssim",
+    f"{ROBUSTNESS} --metrics flip,dists,flip": f"{ROBUSTNESS} --metrics flip,dists",
     "compare run --methods splat,blank --metric ssim,ssim,ssim": "compare run --methods splat,blank"
     " --metric ssim",
     "compare run --methods splat,blank,splat": "compare run --methods splat,blank",
     "compare run --methods splat,splat": "compare run --methods splat",
     "compare run again --methods splat,splat --metric 'lpips, lpips'": "compare run again "
     "--methods splat --metric lpips",
-    "score run --metrics ms-ssim,ms-ssim": "score run --metrics ms-ssim",
+    "score run --metrics flip,flip": "score run --metrics flip",
     "check run --golden golden.json --tolerance ssim=0.1,ssim=.1": "check run --golden golden.json "
     "--tolerance ssim=0.1",
     "check run run --claims --methods splat,splat": "check run --claims --methods splat",

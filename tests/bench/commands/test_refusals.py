@@ -144,7 +144,7 @@ CASES: dict[str, str] = {
     "beyond-training, latent and 2 more; see 'bench list'",
     f"{ROBUSTNESS} --methods splta,blank": "unknown method 'splta': did you mean 'splat'? there ",
     f"{ROBUSTNESS} --methods splta --dry-run": "unknown method 'splta': did you mean 'splat'? ",
-    f"{ROBUSTNESS} --metrics nonsense --dry-run": "unknown metric 'nonsense': there are ms-ssim, ",
+    f"{ROBUSTNESS} --metrics nonsense --dry-run": "unknown metric 'nonsense': there are flip, ",
     f"{ROBUSTNESS} --methods pc2pix@x": "unknown method 'pc2pix@x': did you mean 'pc2pix'? there ",
     f"{ROBUSTNESS} --methods blank --conditions 2049": "unknown condition '2049': did you mean ",
     f"{ROBUSTNESS} --methods ' , '": "' , ': expected names separated by commas",
@@ -278,7 +278,7 @@ CASES: dict[str, str] = {
     "compare run --methods splat,true-mesh --metric unheard-of": "--metric unheard-of: cannot be c",
     "score run --metrics fid": "run: fid: not measured, not here; start the run again so, which ta",
     "score run --metrics kid": "run: fid: not measured, not here; start the run again so, which ta",
-    "score run": "no installed package adds a metric; give --metrics ms-ssim,flip,dists,st-lpips,",
+    "score run": "no installed package adds a metric; give --metrics flip,dists,st-lpips,",
     # --- manifests to repeat
     "run --config module/manifest.json": "foreign:METHOD: is of a module, which only a command li",
     "run --config true/manifest.json": "manifest.json: not a manifest (request.limit is True, no ",
@@ -382,7 +382,7 @@ OF_OTHER_PROTOCOLS = {  # command lines on what is of protocol N, and the remedy
             *("check run-N --claims", "check run run-N --claims"),
             "check run-N --golden golden-N.json",
             *("compare run run-N", "compare run-N run", "compare run-N run-N"),
-            *("compare run-N --methods splat,blank", "score run-N --metrics ms-ssim"),
+            *("compare run-N --methods splat,blank", "score run-N --metrics flip"),
             *("add splat run-N", "add splat run-N --dataset procedural"),
             *(f"{ROBUSTNESS} --methods splat --out run-N", f"{ROBUSTNESS} --dry-run --out run-N"),
             *(f"run --suite {suite} --out run-N" for suite in ("stability", "speed", "latent")),
@@ -429,7 +429,7 @@ PARTS: dict[str, tuple[str, dict | None, str | None]] = {
 }
 for name, (says, _, _) in PARTS.items():
     CASES |= {f"{command} {name}": says for command in ("table", "check", "report")}
-    CASES[f"score {name} --metrics ms-ssim"] = says
+    CASES[f"score {name} --metrics flip"] = says
     CASES[f"compare {name} --methods splat,blank"] = says
     if name in ("newer", "schema-4-run", "no-protocol", "no-names", "store-1"):
         CASES[f"{ROBUSTNESS} --views 2 --device cpu --out {name}"] = says

@@ -36,7 +36,6 @@ SUMS = (576 * 3 + 25) * U
 FLIP_IN_FLOAT32 = 1e-6
 FEATURES_IN_FLOAT32 = 1e-4  # sums of up to 864 products a layer, of features up to some 10
 CODE_LENGTH = 18 * 2.0**-24  # half of the 32 roundings of a sum of squares, a root, a quotient
-COARSEST = 0.2363 / (0.0448 + 0.2856 + 0.3001 + 0.2363)  # weight of the fourth scale of MS-SSIM
 FLIP_WHITE_BLACK = 0.967388  # of every pixel, printed by the tool `flip` of the package, 1.7
 THIN = ("thin-recall", "thin-precision")
 INVENTED = ("invented-holes", "invented-parts")
@@ -71,12 +70,6 @@ def painted(level, rows, columns, ground=255):
 def leg(level=80, rows=slice(40, 80), columns=slice(60, 63)):
     """A bar of 40 x 3 px on white, all of it thin."""
     return painted(level, rows, columns)
-
-
-def stripes(shift):
-    """Vertical stripes with a period of 32 px."""
-    row = np.round(127.5 + 100 * np.sin(2 * np.pi * (np.arange(128) + shift) / 32))
-    return np.broadcast_to(row[:, None], (1, 128, 128, 3)).astype(np.uint8)
 
 
 def boxes():
@@ -173,13 +166,9 @@ VALUES = [  # metrics, images, value, tolerance
     ("silhouette-iou", (WHITE, flat(218)), 1.0, 0.0),
     ("silhouette-iou", (leg(235), np.minimum(leg(235), flat(245))), 120 / 128**2, U),
     ("silhouette-iou", (TWO_LEGS, LEG_AND_WHITE), [1.0, 0.0], 0.0),
-    *(("ms-ssim", (x, x), 1.0, 0.0) for x in (noise(1), LEG, WHITE, BLACK)),
     *(("flip", (x, x), 0.0, 0.0) for x in (noise(1), LEG, WHITE, BLACK)),
-    ("ms-ssim", (WHITE, BLACK), luminance(0, 255) ** COARSEST, SUMS),
     ("flip", (WHITE, BLACK), FLIP_WHITE_BLACK, FLIP_IN_FLOAT32),
     ("flip", (BLACK, WHITE), FLIP_WHITE_BLACK, FLIP_IN_FLOAT32),
-    ("ms-ssim", (stripes(0), stripes(16)), 0.0, 0.0),  # structure is negative
-    ("ms-ssim", (noise(2, 11), 255 - noise(2, 11)), 0.0, 0.0),  # in the one scale of small images
     *((m, (flat(0, 0), flat(0, 0)), 1.0, 0.0) for m in (*THIN, "silhouette-iou", JUDGE)),  # none
     *((m, (flat(0, 0), flat(0, 0)), 0.0, 0.0) for m in INVENTED),
     *((m, (x[:, 40:80, 40:80],) * 2, 0.0, 0.0) for m in DISTANCES for x in (noise(1), LEG, BLACK)),
@@ -195,14 +184,13 @@ def test_values_of_images(metric, images, expected, within):
 
 NOT_UINT8 = [(WHITE / 255, np.full(WHITE.shape, np.nan)), (WHITE.astype("i8"), LEG.astype("i8"))]
 NOT_UINT8 += [(WHITE.astype("f4") / 255, LEG.astype("f4") / 255), (WHITE, LEG / 255)]
-OF_PIXELS = ("ms-ssim", "flip")
 OF_OBJECTS = ("ssim-object", *THIN, "silhouette-iou")
 BY_NETWORKS = ("fd-views", "fd-views-grey", JUDGE)
 OF_DISTANCES = ("lpips", "lpips of vgg", "dists", "st-lpips")
 EVERY = (
     *SSIM,
     "psnr",
-    *OF_PIXELS,
+    "flip",
     *OF_OBJECTS,
     *INVENTED,
     *BY_NETWORKS,
@@ -233,12 +221,12 @@ REFUSED = [  # metrics, images, part of the message
         for x in (*SIZES, BLACK / 255)
     ),
     (("flip",), (CHANNELS_4,) * 2, "images must be [N, H, W, 3]"),
-    ((*SSIM, "psnr", *OF_PIXELS, *OF_DISTANCES), (flat(0, side=64), BLACK), "the same shape"),
+    ((*SSIM, "psnr", "flip", *OF_DISTANCES), (flat(0, side=64), BLACK), "the same shape"),
     ((*OF_OBJECTS, *INVENTED), (flat(0, side=64), BLACK), "of truths [1, 64, 64, 3]"),
     (OF_FEATURES[:2], (flat(0, side=64), BLACK), "[1, 64, 64, 3]"),
     ((*SSIM, "psnr", *OF_DISTANCES), (BLACK, flat(0, 2)), "the same shape"),
     ((*OF_OBJECTS, *INVENTED), (BLACK, flat(0, 2)), "of truths [1, 128, 128, 3]"),
-    ((*SSIMS, "psnr", *OF_PIXELS), (flat(0, 0), flat(0, 0)), "nothing to compare"),
+    ((*SSIMS, "psnr", "flip"), (flat(0, 0), flat(0, 0)), "nothing to compare"),
     ((*SSIMS, "psnr", *THIN), (BLACK[..., :0], BLACK[..., :0]), "nothing to compare"),
     (("st-lpips",), (BLACK[:, :20],) * 2, "of 21 x 21 pixels or more"),
     (("lpips",), (BLACK[:, :30],) * 2, "of 31 x 31 pixels or more"),
@@ -273,7 +261,7 @@ COMPANY |= {"flip": FLIP_IN_FLOAT32, "st-lpips in float64": 1e-12}
 DIRECTED = ("ssim-object", "silhouette-iou", *THIN)
 
 
-@pytest.mark.parametrize("metric", [*SSIM, "psnr", "ms-ssim", *OF_OBJECTS, *COMPANY])
+@pytest.mark.parametrize("metric", [*SSIM, "psnr", *OF_OBJECTS, *COMPANY])
 def test_neither_company_nor_sides_nor_strides_matter(metric):
     part = slice(32, 96, 2 if metric in NETWORKS else 1)  # few pixels of what takes long
     truth = np.concatenate([boxes()[:2], LEG, WHITE])[:, part, part]

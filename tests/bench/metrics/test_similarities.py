@@ -1,4 +1,4 @@
-"""PSNR, MS-SSIM, FLIP, DISTS, LPIPS and ST-LPIPS by published values, conformance vectors and other
+"""PSNR, FLIP, DISTS, LPIPS and ST-LPIPS by published values, conformance vectors and other
 implementations; closed forms, invariants and refusals are in `test_extreme_inputs`."""
 
 from __future__ import annotations
@@ -23,22 +23,10 @@ from bench.metrics.flip import flip
 from bench.metrics.image_scores import scores
 from bench.metrics.inception_weights import WeightsUnavailable
 from bench.metrics.lpips_network import Lpips, lpips
-from bench.metrics.multiscale_similarity import WEIGHTS, ms_ssim, scale_weights
 from bench.metrics.packaged_weights import CHECKPOINTS, find_lpips_weights
-from bench.metrics.structural_similarity import ssim_per_image
 
 from .metrics_by_id import METRICS
 from .reference import REFERENCE
-
-
-def pattern(side, phase=0.0, gain=1.0):
-    """Return a coloured pattern of slow and fast waves, uint8 [1, side, side, 3]."""
-    y, x = np.mgrid[:side, :side] * (2 * np.pi / side)
-    channels = [
-        120 + gain * (60 * np.sin(3 * x + k + phase) * np.cos(2 * y) + 50 * np.sin(11 * y + 7 * x))
-        for k in range(3)
-    ]
-    return np.clip(np.stack(channels, axis=-1), 0, 255).round().astype(np.uint8)[None]
 
 
 def disc(radius, value, column=64):
@@ -79,39 +67,6 @@ def test_psnr_of_identical_images_is_that_of_one_level_in_one_channel():
     expected = [most, most, most - 10 * math.log10(2)]
     np.testing.assert_allclose(psnr(a, b), expected, rtol=0, atol=PSNR_ROUNDING)
     np.testing.assert_array_equal(scores(a, b)["psnr"], psnr(a, b))
-
-
-# --- MS-SSIM --------------------------------------------------------------------------------------
-
-PAIRS = {
-    "phase": lambda side: (pattern(side), pattern(side, 0.3)),
-    "contrast": lambda side: (pattern(side), pattern(side, 0.0, 0.6)),
-    "both": lambda side: (pattern(side, 0.1, 0.8), pattern(side, 0.4, 1.1)),
-}
-# By PyTorch Toolbox for Image Quality Assessment 0.1.16 in float64, 2026-11-25: of 192 px with five
-# scales, by MS_SSIM(test_y_channel=False), whose powers add up to 1.0001.
-PUBLISHED = {"phase": 0.98293666, "contrast": 0.88731718, "both": 0.93680192}
-
-
-@pytest.mark.parametrize("name", PAIRS)
-def test_published_values_of_ms_ssim(name):
-    expected = pytest.approx(PUBLISHED[name] ** (1 / sum(WEIGHTS)), abs=1e-6)
-    assert ms_ssim(*PAIRS[name](192))[0] == expected
-
-
-@pytest.mark.parametrize(
-    ("side", "scales"), [(1, 1), (21, 1), (22, 2), (87, 3), (88, 4), (128, 4), (176, 5), (999, 5)]
-)
-def test_as_many_scales_as_have_a_whole_window(side, scales):
-    weights = scale_weights(side)
-    assert len(weights) == scales
-    assert sum(weights) == pytest.approx(1, abs=1e-15)
-    assert np.divide(weights, WEIGHTS[:scales]) == pytest.approx(1 / sum(WEIGHTS[:scales]))
-
-
-def test_ms_ssim_of_one_scale_is_ssim():
-    for a, b in (pattern(21), pattern(21, 0.3)), (pattern(9), pattern(9, 0.0, 0.6)):
-        assert ms_ssim(a, b) == pytest.approx(ssim_per_image(a, b).ssim, abs=1e-12)
 
 
 # --- FLIP -----------------------------------------------------------------------------------------
@@ -208,10 +163,6 @@ OURS = (*IMAGE_METRICS, *FURTHER_METRICS)
 ON_WHITE = "disc 30 grey 150/white"
 # By id: two images, what others have measured of them, and how far float32 may be off.
 BY_ID = {
-    "ms-ssim": (
-        *(image[0] for image in PAIRS["phase"](192)),
-        *(PUBLISHED["phase"] ** (1 / sum(WEIGHTS)), 1e-6),
-    ),
     "flip": (*IMAGES[ON_WHITE], flip_of_its_package, 1e-5),
     "dists": (*IMAGES[ON_WHITE], DISTS[ON_WHITE], 1e-5),
     "st-lpips": (*IMAGES[ON_WHITE], ST_LPIPS[ON_WHITE], 1e-5),
