@@ -130,20 +130,20 @@ def _score(
     over_masks = np.full(n, np.nan)
     over = None if masks is None else _windows_over(masks, size)
     for i in range(n):
-        box = _box_of_differences(a[i], b[i], size)
-        if box is not None:
-            components = _components(a[i][box], b[i][box], weights)  # [4, channel, row, column]
-            inside = components[0, 0].size
-            sums = components.sum(axis=(1, 2, 3)) / channels
-            means[i] = (sums + (n_windows - inside)) / n_windows
-        if over is not None and over[i].any():
+        counted = 0 if over is None else np.count_nonzero(over[i])
+        if counted:
             over_masks[i] = 1.0
-            if box is not None:
-                top, left = (side.start for side in box)
-                rows, columns = components.shape[2:]
-                chosen = over[i, top : top + rows, left : left + columns]
-                lost = (1.0 - components[0].mean(axis=0))[chosen].sum()
-                over_masks[i] -= lost / over[i].sum()
+        box = _box_of_differences(a[i], b[i], size)
+        if box is None:
+            continue
+        components = _components(a[i][box], b[i][box], weights)  # [4, channel, row, column]
+        rows, columns = components.shape[2:]
+        sums = components.sum(axis=(1, 2, 3)) / channels
+        means[i] = (sums + (n_windows - rows * columns)) / n_windows
+        if over is not None and counted:
+            top, left = (side.start for side in box)
+            chosen = over[i, top : top + rows, left : left + columns]
+            over_masks[i] -= (1.0 - components[0].mean(axis=0))[chosen].sum() / counted
     return _SsimPerImage(*np.ascontiguousarray(means.T)), over_masks
 
 
