@@ -13,7 +13,7 @@ from pathlib import Path
 import pytest
 
 ALONE = ("opengl", "ray", "memory", "timing")  # see the markers in pyproject.toml
-MADE_ONCE = ("finished",)  # fixtures of the session that take long: made by one worker
+MADE_ONCE = ("finished", "outputs_of")  # fixtures of the session that take long: made by one worker
 # Folders of settings and caches, which are below HOME where these are not set.
 ELSEWHERE = ("XDG_CACHE_HOME", "XDG_CONFIG_HOME", "XDG_DATA_HOME", "XDG_STATE_HOME")
 # Git reads a checkout of another user only where its settings, which the user's home has, say so.

@@ -2,13 +2,16 @@
 
 from __future__ import annotations
 
+import json
+import shutil
 import sqlite3
 from collections import Counter
 from collections.abc import Iterable
 from contextlib import closing, suppress
 from dataclasses import asdict, make_dataclass, replace
-from functools import partial
+from functools import cache, partial
 from pathlib import Path
+from tempfile import TemporaryDirectory, mkdtemp
 from types import SimpleNamespace
 from typing import Any
 
@@ -439,12 +442,31 @@ def make_manifest(**changes):
 
 
 def write_run(directory: Path, **changes) -> Path:
-    """A finished run without running anything: random scores, images and features, nothing failed.
+    """A finished run without tables and without running anything: random scores, images, features.
 
-    They depend on the item only, so that a part of a run has the same. Features are random too, so
-    that the judge sees any view: its answers are of length 3 + 1.
+    Nothing failed. All values depend on the item only, so that a part of a run has the same.
+    Features are random too, so that the judge sees any view: its answers are of length 3 + 1.
     """
-    manifest = make_manifest(**changes)
+    made = _stored_run(json.dumps(make_manifest(**changes)))
+    return Path(shutil.copytree(made, directory, dirs_exist_ok=True))
+
+
+def write_run_with_tables(directory: Path, **changes) -> Path:
+    """The same, with its tables, which depend on what a test has patched."""
+    write_outputs(read_run(write_run(directory, **changes)))
+    return directory
+
+
+@cache
+def _runs_to_copy() -> TemporaryDirectory:
+    return TemporaryDirectory(prefix="runs-of-tests-")
+
+
+@cache
+def _stored_run(manifest_text: str) -> Path:
+    """The folder of the run with this manifest, which is made once in a process, to be copied."""
+    directory = Path(mkdtemp(dir=_runs_to_copy().name))
+    manifest = json.loads(manifest_text)
     write_manifest(directory, manifest)
     results, jobs = [], []
     for name in manifest["objects"]:
@@ -481,7 +503,6 @@ def write_run(directory: Path, **changes) -> Path:
             store.append(result)
         store.list_jobs((job.key, job.name) for job in jobs)
         write_records(directory, store)
-    write_outputs(read_run(directory, manifest))
     return directory
 
 

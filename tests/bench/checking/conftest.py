@@ -11,7 +11,7 @@ import bench.tables.published
 from bench.catalogue.suites import SUITES
 from bench.checking.golden import bless
 
-from ..builders import make_manifest, write_run
+from ..builders import make_manifest, write_run_with_tables
 
 
 def be_default(patch, **changes):
@@ -44,7 +44,7 @@ def blessed(tmp_path_factory):
     with pytest.MonkeyPatch.context() as patch:
         patch.setattr(bench.tables.published, "RESULTS", folder / "results")
         be_default(patch)
-        bless(write_run(folder / "run"))
+        bless(write_run_with_tables(folder / "run"))
     return folder
 
 

@@ -17,7 +17,7 @@ from bench.checking.claims import RULES, claims
 from bench.tables.published import published
 from data_prep.failures import BadInput
 
-from ..builders import make_manifest, write_manifest, write_run
+from ..builders import make_manifest, write_manifest, write_run, write_run_with_tables
 
 pytestmark = pytest.mark.usefixtures("few_objects")
 
@@ -82,7 +82,7 @@ def test_claims_without_a_run_or_of_one_that_lacks_something(tmp_path):
 
 def test_claims_of_a_run(tmp_path):
     """Random scores: nothing is ahead of anything, and the numbers are those of the tables."""
-    run = write_run(
+    run = write_run_with_tables(
         tmp_path / "run",
         methods=["surface-apss", "pc2pix", "blank"],
         conditions=["1024", "512"],

@@ -18,7 +18,7 @@ from bench.tables.build import tables, write_outputs
 from bench.tables.grid import records
 from bench.tables.published import golden, golden_name
 
-from ..builders import SUITE, overwrite, write_run
+from ..builders import SUITE, overwrite, write_run, write_run_with_tables
 
 HEADLINE = ("ssim-object", "lpips")
 SSIM, DETAIL = SUITES[0].image_metrics, SUITES[0].detail_metrics
@@ -44,7 +44,7 @@ def alter_records(run, column, change, method="splat", condition="512"):
 
 
 def test_a_run_agrees_with_itself_and_so_does_a_part_of_it(run, command, tmp_path):
-    part = write_run(tmp_path / "part", methods=["true-mesh"], conditions=["512"])
+    part = write_run_with_tables(tmp_path / "part", methods=["true-mesh"], conditions=["512"])
     values, first = len(GOLDEN) + OBJECT_VALUES, 2 * (1 + 3)  # of 2 metrics the mean and 3 objects
     # The run has 3 methods x 2 conditions; golden lines of two methods hold for any condition.
     fewer = "3 of 12 lines of the golden values are compared: this run has no others"
@@ -62,7 +62,7 @@ def test_a_run_agrees_with_itself_and_so_does_a_part_of_it(run, command, tmp_pat
 
 
 def test_a_run_of_which_nothing_is_golden_does_not_pass(run, refused, tmp_path):
-    other = write_run(tmp_path / "other", methods=["points2pix", "splat-fill"])
+    other = write_run_with_tables(tmp_path / "other", methods=["points2pix", "splat-fill"])
     assert refused("check", other) == (
         f"{other}: nothing is compared, for none of its methods and conditions has golden values; "
         f"check a run of 'bench run --suite {SUITE}', or compare this one with itself: 'bench "
@@ -280,12 +280,12 @@ def test_another_protocol_cannot_be_compared(tmp_path, run, refused, change, mes
 
 
 def test_another_truth_has_golden_values_of_its_own(tmp_path, run, results, command, refused):
-    grey = write_run(tmp_path / "grey", truth="grey")
+    grey = write_run_with_tables(tmp_path / "grey", truth="grey")
     assert refused("check", grey) == (
         f"{results}/golden/{SUITE}-grey.csv: no golden values for '{SUITE}-grey'; "
         "'bench check DIR --again 0.05' compares a run with itself"
     )
-    part = write_run(tmp_path / "part", truth="grey", conditions=["512"])
+    part = write_run_with_tables(tmp_path / "part", truth="grey", conditions=["512"])
     assert refused("check", part, "--bless", results / "golden") == (
         f"{part}: golden values are of the whole default run, this one has no conditions 2048; "
         f"run 'bench run --suite {SUITE} --truth grey' and give its folder"

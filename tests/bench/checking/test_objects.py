@@ -37,7 +37,7 @@ from bench.tables.published import golden, golden_name
 from data_prep.datasets.protocol_version import PROTOCOL_VERSION
 from data_prep.failures import BadInput
 
-from ..builders import SUITE, damage_images, overwrite, rewrite, write_run
+from ..builders import SUITE, damage_images, overwrite, rewrite, write_run, write_run_with_tables
 from .conftest import be_default
 
 OBJECTS = [f"chair/{name}" for name in "abcdefg"]
@@ -65,7 +65,7 @@ def seven(tmp_path_factory):
     with pytest.MonkeyPatch.context() as patch:
         patch.setattr(bench.tables.published, "RESULTS", folder / "results")
         be_default(patch, objects=OBJECTS)
-        bless(write_run(folder / "run", objects=OBJECTS))
+        bless(write_run_with_tables(folder / "run", objects=OBJECTS))
     return folder
 
 
@@ -134,7 +134,7 @@ def test_three_objects_of_one_method_at_one_condition(kind, request, command):
 
 
 def test_what_has_no_golden_value_is_named_and_left_out(tmp_path, golden_results, command):
-    run = write_run(
+    run = write_run_with_tables(
         tmp_path / "run",
         objects=["chair/a", "chair/new", "chair/b"],
         methods=["splat", "constant", "blank"],

@@ -18,7 +18,7 @@ from bench.records.run_folder import read_manifest, write_manifest
 from bench.suites.stability.outcomes import COLUMNS, NAME
 from bench.tables.build import write_outputs
 
-from ..builders import make_manifest, overwrite, write_run
+from ..builders import make_manifest, overwrite, write_run, write_run_with_tables
 
 OBJECTS = [f"chair/{name}" for name in "abcdefghij"]
 FORMATS = ("text", "json", "junit")
@@ -29,7 +29,7 @@ LINE = re.compile(r"REGRESSION (\S+) of (\S+) at (\S+): (.*)")
 def seed_folder(tmp_path_factory):
     """Return a folder with a run, and golden values of it in a file."""
     folder = tmp_path_factory.mktemp("seed")
-    run = write_run(folder / "run", objects=OBJECTS, methods=["splat", "blank"], seed=5)
+    run = write_run_with_tables(folder / "run", objects=OBJECTS, methods=["splat", "blank"], seed=5)
     bless(run, folder / "golden.json")
     return folder
 

@@ -10,6 +10,7 @@ from pathlib import Path
 
 import pytest
 
+from bench.checking.golden import bless
 from bench.running.environment import machine_info
 
 from ..builders import write_run
@@ -46,18 +47,21 @@ REFUSED = {
 
 
 @pytest.fixture
-def typed(tmp_path, seed_run, command, no_machine, monkeypatch):
+def typed(tmp_path, seed_folder, no_machine, monkeypatch):
     """Return a function from a command line to its words, where two such runs lie."""
     monkeypatch.chdir(tmp_path)
     for name in ("run", NAME):
-        shutil.copytree(seed_run, name)
-    assert command("check", "run", "--bless", "own.json")[0] == 0
+        shutil.copytree(seed_folder / "run", name)
+    shutil.copy(seed_folder / "own.json", ".")
     return lambda line: [word.replace("N", NAME) for word in shlex.split(line)]
 
 
 @pytest.fixture(scope="module")
-def seed_run(tmp_path_factory):
-    return write_run(tmp_path_factory.mktemp("seed") / NAME, methods=["splat", "blank"])
+def seed_folder(tmp_path_factory):
+    """Return a folder with a run, and golden values of it in a file."""
+    folder = tmp_path_factory.mktemp("seed")
+    bless(write_run(folder / "run", methods=["splat", "blank"]), folder / "own.json")
+    return folder
 
 
 @pytest.mark.parametrize(("line", "status"), WORKS.items())

@@ -8,7 +8,7 @@ import pytest
 
 from bench.records.run_folder import locked_run, open_folder
 
-from ..builders import make_manifest, write_run
+from ..builders import make_manifest, write_run_with_tables
 
 GIVEN = {
     "objects": [f"chair/{i}" for i in range(3)],
@@ -21,7 +21,7 @@ def stored(tmp_path_factory):
     """Return the folder of two finished runs, and a file of golden values."""
     folder = tmp_path_factory.mktemp("stored")
     for name, seed in (("run", 0), ("other", 1)):
-        write_run(folder / name, **GIVEN, seed=seed)
+        write_run_with_tables(folder / name, **GIVEN, seed=seed)
     return folder
 
 

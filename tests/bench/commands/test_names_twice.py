@@ -8,6 +8,7 @@ import shutil
 import pytest
 
 from bench.catalogue.method import ALLOWED
+from bench.checking.golden import bless
 from bench.records.run_folder import write_manifest
 
 from ..builders import make_manifest, write_run
@@ -40,6 +41,7 @@ def folder(tmp_path_factory):
     """Return a folder with two runs, golden values of one, and a cloud."""
     folder = tmp_path_factory.mktemp("here")
     run = write_run(folder / "run", objects=[f"chair/{name}" for name in "abcdefgh"])
+    bless(run, folder / "golden.json")
     shutil.copytree(run, folder / "again")
     (folder / "of-stability").mkdir()
     write_manifest(folder / "of-stability", make_manifest(suite="stability"))
@@ -48,11 +50,10 @@ def folder(tmp_path_factory):
 
 
 @pytest.fixture
-def here(folder, command, no_machine, monkeypatch):
+def here(folder, no_machine, monkeypatch):
     """Return the folder in which the command lines are typed."""
     monkeypatch.chdir(folder)
     monkeypatch.setenv(ALLOWED, "")
-    assert command("check", "run", "--bless", "golden.json")[0] == 0
 
 
 @pytest.mark.usefixtures("here")

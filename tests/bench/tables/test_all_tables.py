@@ -17,7 +17,6 @@ import numpy as np
 import pandas as pd
 import pytest
 
-from bench.analysis.scored_run import read_run
 from bench.records.run_folder import open_folder, write_manifest
 from bench.suites.latent.codes import PATH_METRICS, PATHS
 from bench.suites.latent.run import VALUES, latent_table, means
@@ -25,7 +24,6 @@ from bench.suites.speed.measure import SPEED, Measurement, TimingSample
 from bench.suites.speed.tables import amortised_rows, amortised_table, samples_table, speed_table
 from bench.suites.stability.outcomes import COLUMNS, matrix
 from bench.tables import differences, orderings
-from bench.tables.build import make_outputs
 from bench.tables.published import published
 from bench.tables.table import Table, table_files
 
@@ -151,8 +149,8 @@ def tiny_run(directory, run_id, seed=0):
 
 @pytest.mark.usefixtures("few_objects")
 @pytest.mark.parametrize("run_id", RUNS)
-def test_tables_of_suites(tmp_path, run_id):
-    outputs = make_outputs(read_run(tiny_run(tmp_path / "run", run_id)))
+def test_tables_of_suites(outputs_of, run_id):
+    outputs = outputs_of(run_id)
     kept(f"{run_id}.txt", as_text(table_files([*outputs.tables, *outputs.further])))
 
 

@@ -14,7 +14,7 @@ from bench.commands.terminal import shown
 from bench.tables.build import write_outputs
 from bench.tables.quality import headline
 
-from ..builders import file_bytes, overwrite, rows_of, write_run
+from ..builders import file_bytes, overwrite, rows_of, write_run, write_run_with_tables
 
 
 @pytest.mark.parametrize(("count", "intervals"), [(8, False), (11, False), (12, True)])
@@ -22,7 +22,7 @@ def test_intervals_are_shown_from_12_objects_on(tmp_path, monkeypatch, count, in
     """Of 8 objects and more there are intervals: in the CSV, and in the other tables."""
     monkeypatch.setenv("COLUMNS", "100")
     objects = [f"chair/{i:02d}" for i in range(count)]
-    directory = write_run(
+    directory = write_run_with_tables(
         tmp_path / "run", objects=objects, methods=["splat", "blank"], conditions=["2048"]
     )
     table = headline(read_run(directory))
@@ -64,7 +64,7 @@ def test_only_tables_of_the_run_itself_are_removed(tmp_path, capsys):
     """A table of a set metric of `bench score` cannot be made again from the records."""
     names = {"suite": "thirteen-classes", "methods": ["splat", "blank"], "conditions": ["2048"]}
     objects = [f"{class_name}/{i}" for class_name in ("chair", "table") for i in range(3)]
-    directory = write_run(tmp_path / "run", **names, objects=objects)
+    directory = write_run_with_tables(tmp_path / "run", **names, objects=objects)
     folder = directory / "tables"
     for name in ("metric_fd-edges.csv", "metric_fd-edges.md", "notes.md", "mine.csv"):
         (folder / name).write_text("of the user")

@@ -6,13 +6,11 @@ import subprocess
 
 import pytest
 
-from bench.analysis.scored_run import read_run
-from bench.tables.build import make_outputs
 from bench.tables.grid import BEST
 from bench.tables.latex import PREAMBLE, escaped
 from bench.tables.published import published
 
-from .test_all_tables import RUNS, tiny_run
+from .test_all_tables import RUNS
 from .test_markdown import ODD
 
 WHOLE = "\\documentclass{article}\n\\usepackage{booktabs}\n\\begin{document}\n%s\n\\end{document}\n"
@@ -42,16 +40,16 @@ def check(text: str, folder) -> None:
 
 @pytest.mark.usefixtures("few_objects")
 @pytest.mark.parametrize("run_id", RUNS)
-def test_all_tables_of_a_run_compile(tmp_path, run_id):
-    outputs = make_outputs(read_run(tiny_run(tmp_path / "run", run_id)))
+def test_all_tables_of_a_run_compile(tmp_path, outputs_of, run_id):
+    outputs = outputs_of(run_id)
     tables = [outputs.headline, *outputs.tables, *outputs.further]
     check(PREAMBLE + "\n".join(table.to_latex() for table in tables), tmp_path)
 
 
 @pytest.mark.usefixtures("few_objects")
-def test_published_values_stand_beside_ours(tmp_path):
+def test_published_values_stand_beside_ours(outputs_of):
     """The interval and the digits, of two objects, are those of the Markdown."""
-    outputs = make_outputs(read_run(tiny_run(tmp_path / "run", "chair-robustness")))
+    outputs = outputs_of("chair-robustness")
     table, distances, *_ = outputs.tables
     assert "% fid, chair (lower is better): skipped: " in distances.to_latex()
     text, shown = table.to_latex(), table.to_markdown()

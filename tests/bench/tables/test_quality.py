@@ -32,6 +32,7 @@ from ..builders import (
     to_frame,
     write_all,
     write_run,
+    write_run_with_tables,
 )
 
 pytestmark = pytest.mark.usefixtures("few_objects")
@@ -340,7 +341,7 @@ def test_markdown_of_names_from_a_file_system():
 
 
 def test_tables_are_reproduced_to_the_byte(tmp_path):
-    run = write_run(tmp_path)
+    run = write_run_with_tables(tmp_path)
     names = ("headline", "table3_ssim", "table4_fid", "table_control", "table_detail")
     before = {path.name: path.read_bytes() for path in (run / "tables").iterdir()}
     assert set(before) == {f"{name}.{kind}" for name in names for kind in ("csv", "md")}
