@@ -13,7 +13,7 @@ from threadpoolctl import threadpool_limits
 from bench.analysis.comparison import best_first, candidates, known_objects, pooled
 from bench.analysis.paired import by_method, paired_differences, two_methods
 from bench.analysis.scored_run import Run, read_run
-from bench.catalogue.chosen import BEST_CLASSICAL, CHOSEN, Cell
+from bench.catalogue.chosen import BEST_CLASSICAL, CHOSEN, MetricAtCondition
 from bench.catalogue.methods import FLOOR
 from bench.catalogue.metrics import declared_metric, is_mean
 from bench.catalogue.suites import TRUTHS
@@ -225,7 +225,7 @@ def _compare(
     return pd.concat([compared, *best_rows])
 
 
-def _chosen_rows(run: Run, metrics: Sequence[str]) -> dict[str, dict[Cell, str]]:
+def _chosen_rows(run: Run, metrics: Sequence[str]) -> dict[str, dict[MetricAtCondition, str]]:
     """Return the methods of the chosen rows by cell; only rows that each cell has."""
     conditions = run.manifest["conditions"]
     cells = [(metric, condition) for metric in dict.fromkeys(metrics) for condition in conditions]

@@ -1,19 +1,22 @@
 """Methods chosen by measurements: the best of a group at a condition, the best within a budget.
 
 A network should not be compared with a weak rival, and which rival is strong depends on the cloud
-and on the metric. So the tables have a row that is, by each metric and at each condition, the
-method of a group that had the best images on validation objects; no test object has a part in the
-choice.
+and on the metric. So the tables have *chosen rows*. A chosen row is no method of its own: it
+shows, for each metric and condition, the method of a group (such as all reconstructions) that had
+the best images of validation objects. The choice uses no test object.
 
-`results/costs.csv` has a line for each method that was measured by `python -m studies.measurements
-costs`, a run of the suite `speed`: the milliseconds of one view of a new cloud of 2,048 points, its
-preparation included, and of each view more in the same call, medians over four chairs, in
-processor time on one thread. On a machine that does nothing else that is the time by the clock.
-That of upsampled-wrap was measured beside alpha-wrap on another machine (988 and 179 ms, further
-views 5.08 and 2.49 ms), and is given by the ratio.
-Methods in grey that know objects of any kind also have a score, the mean of `ssim` and 1 - `lpips`
-over 107 real meshes of 13 classes at 2,048 points, truth in grey
-(`results/docs/real-meshes-grey.csv`); more is better.
+`results/costs.csv` has a line for each method whose cost was measured by `python -m
+studies.measurements costs`, a run of the suite `speed`. A line has two times in milliseconds: that
+of preparing a new cloud of 2,048 points and drawing one view of it, and that of each further view
+which the same call draws. Both are medians over four chairs, in processor time on one thread. On a
+machine that does nothing else, processor time is the time by the clock. upsampled-wrap was measured
+on another machine, together with alpha-wrap: 988 and 179 ms for the first view, 5.08 and 2.49 ms
+for a further one. The times of upsampled-wrap in the file are those of alpha-wrap times these
+ratios.
+
+A method that draws in grey and was not trained on a single class has a score, too: the mean of
+`ssim` and 1 - `lpips` over 107 real meshes of 13 classes at 2,048 points, with true images in grey
+(`results/docs/real-meshes-grey.csv`). A higher score is better.
 """
 
 from __future__ import annotations
@@ -30,72 +33,87 @@ from data_prep.failures import BadInput
 
 BEST_CLASSICAL = "best-classical"
 BEST_LEARNED_3D = "best-learned-3d"
-# By metric and condition, the best first, of validation objects of 13 classes
-# (`python -m studies.chosen_order`); by other metrics than three the mean of the ranks by
-# ssim-object and lpips. 2048, 1024, 512 and noise up to 0.10 were measured with all methods;
-# elsewhere the last ones stand as in an earlier measurement.
+# The file of rankings, written by `python -m studies.chosen_order`. For each metric and condition
+# it lists the reconstructions, the best first, by their images of validation objects of 13 classes.
+# Three metrics have rankings of their own; all others share one, by the mean of a method's ranks by
+# ssim-object and lpips. At the conditions 2048, 1024, 512, noise-0.05 and noise-0.10 all methods
+# were measured; at the other conditions the last methods of a ranking keep the places that an
+# earlier measurement gave them.
 RANKINGS = Path(__file__).resolve().parents[2] / "results" / "chosen.csv"
-OTHER_METRICS = "*"  # in place of a metric, for those without a ranking of their own
-COSTS = RANKINGS.with_name("costs.csv")
-MEASURED_ON = "an AMD EPYC"  # family 25, model 17; 2026-11-27
-_UNITS_MS = {"ms": 1.0, "s": 1000.0}
-_LEARNED_3D = ("occupancy-net",)
+OTHER_METRICS = "*"  # stands in the column "metric" for all metrics without a ranking of their own
+COSTS = RANKINGS.with_name("costs.csv")  # the file of costs and scores that the module describes
+MEASURED_ON = "an AMD EPYC"  # the processor of these costs: family 25, model 17; on 2026-11-27
+_UNITS_MS = {"ms": 1.0, "s": 1000.0}  # milliseconds in each unit that a budget may have
+_LEARNED_3D = ("occupancy-net",)  # the methods whose networks learned shapes in 3D, the best first
 
-Cell = tuple[str, str]  # metric and condition
+MetricAtCondition = tuple[str, str]  # the id of a metric, and the id of a condition
 
 
 @dataclass(frozen=True)
 class _ChosenRow:
-    """A row that is, by each metric and at each condition, the best method of a group.
+    """A row of tables that shows, for each metric and condition, the best method of a group.
 
-    id       its name in tables and comparisons
-    ranking  the methods of the group by metric and condition, the best first
-    fewest   methods of the group that a run must have for the row to be a choice
+    id       the name of the row in tables and comparisons
+    ranking  the methods of the group for each metric and condition, the best first
+    fewest   how many methods of the group a run must have; with fewer there is nothing to choose
+             from, and the run has no such row
     """
 
     id: str
-    ranking: Mapping[Cell, tuple[str, ...]]
+    ranking: Mapping[MetricAtCondition, tuple[str, ...]]
     fewest: int
 
-    def best(self, cells: Iterable[Cell], methods: Iterable[str]) -> dict[Cell, str]:
-        """Return the best of the methods by each metric and condition that has one.
+    def best(
+        self, wanted: Iterable[MetricAtCondition], methods: Iterable[str]
+    ) -> dict[MetricAtCondition, str]:
+        """Return which of the methods the row shows for each wanted metric and condition.
 
-        None has with fewer than `fewest` of the group, nor where there is no ranking.
+        A metric and condition is left out where it has no ranking, and where `methods` has fewer
+        than `fewest` methods of the ranking.
         """
         available = set(methods)
-        best: dict[Cell, str] = {}
-        for metric, condition in cells:
-            others = self.ranking.get((OTHER_METRICS, condition), ())
-            ranking = self.ranking.get((metric, condition), others)
+        best: dict[MetricAtCondition, str] = {}
+        for metric, condition in wanted:
+            shared = self.ranking.get((OTHER_METRICS, condition), ())
+            ranking = self.ranking.get((metric, condition), shared)
             ranked = [method for method in ranking if method in available]
             if len(ranked) >= self.fewest:
                 best[metric, condition] = ranked[0]
         return best
 
-    def in_words(self, best: Mapping[Cell, str]) -> str:
-        """Return a sentence on which method the row is; metrics with the same methods together."""
-        by_metric: dict[str, dict[str, list[str]]] = {}
+    def in_words(self, best: Mapping[MetricAtCondition, str]) -> str:
+        """Return a sentence that says which method the row shows.
+
+        Metrics for which it shows the same methods at the same conditions are named together.
+        """
+        conditions_of: dict[str, dict[str, list[str]]] = {}  # by metric, then by method
         for (metric, condition), method in best.items():
-            by_metric.setdefault(metric, {}).setdefault(method, []).append(condition)
-        metrics: dict[str, list[str]] = {}
-        for metric, conditions in by_metric.items():
-            parts = (f"`{method}` at {', '.join(at)}" for method, at in conditions.items())
-            metrics.setdefault("; ".join(parts), []).append(metric)
-        several = len(metrics) > 1
-        texts = (f"by {', '.join(m)} {text}" if several else text for text, m in metrics.items())
+            conditions_of.setdefault(metric, {}).setdefault(method, []).append(condition)
+        metrics_of: dict[str, list[str]] = {}  # by the words for methods and conditions
+        for metric, by_method in conditions_of.items():
+            parts = [f"`{method}` at {', '.join(at)}" for method, at in by_method.items()]
+            metrics_of.setdefault("; ".join(parts), []).append(metric)
+        if len(metrics_of) > 1:
+            texts = [f"by {', '.join(metrics)} {text}" for text, metrics in metrics_of.items()]
+        else:
+            texts = list(metrics_of)
         return f"`{self.id}`, chosen on validation objects, is {'; '.join(texts)}."
 
 
-def _rankings() -> dict[Cell, tuple[str, ...]]:
+def _rankings() -> dict[MetricAtCondition, tuple[str, ...]]:
+    """Return the rankings of the file, by metric and condition."""
+    rankings = {}
     with RANKINGS.open(encoding="utf-8", newline="") as file:
-        rows = csv.DictReader(file)
-        return {(r["metric"], r["condition"]): tuple(r["best_first"].split()) for r in rows}
+        for row in csv.DictReader(file):
+            rankings[row["metric"], row["condition"]] = tuple(row["best_first"].split())
+    return rankings
 
 
 _CLASSICAL = _rankings()
 _ROWS = (
     _ChosenRow(BEST_CLASSICAL, _CLASSICAL, fewest=2),
-    # One network that learned in 3D is enough: readers look for the best of them by this name.
+    # This row is shown even when a run has only one of these networks, for readers look for the
+    # best network that learned in 3D under this name.
     _ChosenRow(BEST_LEARNED_3D, dict.fromkeys(_CLASSICAL, _LEARNED_3D), fewest=1),
 )
 CHOSEN = {row.id: row for row in _ROWS}
@@ -103,10 +121,11 @@ CHOSEN = {row.id: row for row in _ROWS}
 
 @dataclass(frozen=True)
 class MeasuredMethod:
-    """A method with the milliseconds of its views of a cloud, and its score or None.
+    """A line of the file of costs: a method, its times in milliseconds, and its score.
 
-    one_view_ms      preparing a new cloud and drawing one view of it, in a call of its own
-    further_view_ms  each view more in the same call
+    one_view_ms      the time of preparing a new cloud and drawing one view of it
+    further_view_ms  the time of each further view that the same call draws
+    score            the score that the module describes; None for a method without one
     """
 
     method: str
@@ -115,50 +134,60 @@ class MeasuredMethod:
     score: float | None
 
     def cloud_ms(self, views: int) -> float:
-        """Return the milliseconds of a new cloud with so many views, drawn in one call."""
+        """Return the milliseconds of preparing a cloud and drawing `views` of it in one call."""
         return self.one_view_ms + (views - 1) * self.further_view_ms
 
 
 def measured_methods() -> dict[str, MeasuredMethod]:
-    """Return the lines of the table by method."""
+    """Return the lines of the file of costs, by the ids of their methods."""
+    measured = {}
     with COSTS.open(encoding="utf-8", newline="") as file:
-        return {
-            row["method"]: MeasuredMethod(
-                row["method"],
-                float(row["one_view_ms"]),
-                float(row["further_view_ms"]),
-                float(row["score"]) if row["score"] else None,
+        for row in csv.DictReader(file):
+            measured[row["method"]] = MeasuredMethod(
+                method=row["method"],
+                one_view_ms=float(row["one_view_ms"]),
+                further_view_ms=float(row["further_view_ms"]),
+                score=float(row["score"]) if row["score"] else None,
             )
-            for row in csv.DictReader(file)
-        }
+    return measured
 
 
 def cost_of(method_id: str, costs: Mapping[str, MeasuredMethod]) -> MeasuredMethod | None:
-    """Return the cost of a method, or for one that was not measured that of its family."""
+    """Return the measured cost of a method; None where there is none.
+
+    A variant that was not measured (METHOD@VARIANT) has the cost of its METHOD.
+    """
     return costs.get(method_id, costs.get(family_of(method_id)))
 
 
 def best_within(budget_ms: float) -> MeasuredMethod:
-    """Return the method with the best score that draws a view of a new cloud within a budget.
+    """Return the method with the best score that draws one view of a new cloud within a budget.
 
-    Raises BadInput for a budget below the cheapest, which it names with its cost.
+    Raises BadInput for a budget below the cost of the cheapest method with a score; the message
+    names that method and its cost.
     """
-    scored = {m: m.score for m in measured_methods().values() if m.score is not None}
-    within = [m for m in scored if m.one_view_ms <= budget_ms]
-    if not within:
-        cheapest = min(scored, key=lambda m: m.one_view_ms)
-        least = math.ceil(10 * cheapest.one_view_ms) / 10  # rounded up, so that giving it is enough
+    scores = {
+        method: method.score for method in measured_methods().values() if method.score is not None
+    }
+    affordable = [method for method in scores if method.one_view_ms <= budget_ms]
+    if not affordable:
+        cheapest = min(scores, key=lambda method: method.one_view_ms)
+        # Rounded up to 0.1 ms, so that a budget of this number is enough.
+        least = math.ceil(10 * cheapest.one_view_ms) / 10
         raise BadInput(
             f"budget {budget_ms:g}ms: the cheapest method is {cheapest.method} with {least:g} ms "
             f"for one image; give at least {least:g}ms"
         )
-    return max(within, key=lambda m: scored[m])
+    return max(affordable, key=lambda method: scores[method])
 
 
 def budget_ms_of(text: str) -> float:
     """Return the milliseconds of a budget like "50ms" or "0.2s". Raises BadInput for other text."""
     match = re.fullmatch(r"([0-9]{1,9}(?:\.[0-9]{1,9})?)(ms|s)", text.strip())
-    budget = float(match[1]) * _UNITS_MS[match[2]] if match else 0.0
-    if not budget:
+    budget = 0.0
+    if match:
+        number, unit = match.groups()
+        budget = float(number) * _UNITS_MS[unit]
+    if budget == 0:
         raise BadInput(f"budget {text}: give a time over 0 with its unit, as in 50ms or 0.2s")
     return budget

@@ -1,10 +1,13 @@
-"""Conditions: of the project and of other packages, their names in words, and their families.
+"""Conditions of this project and of other packages: how they are found, named and grouped.
 
-A family is one property of a cloud that is varied step by step. What networks were trained on
-stands beside it, so that figures and tables can say where they are beyond it.
+A condition is a change of the clouds that methods are given, such as fewer points or noise.
+Conditions that vary one property of a cloud step by step are a *family*. A family also says which
+values of this property the networks saw in training, so that figures and tables can mark where a
+network draws clouds unlike those of its training.
 
-A package announces a condition by an entry point of the group `pc2pix_bench.conditions`, whose name
-is the id. Workers find it by that id, as they find methods: nothing of the package is pickled.
+Another package announces a condition by an entry point of the group `pc2pix_bench.conditions`,
+whose name is the condition's id. Worker processes load it by this id, as they load methods, so that
+no object of the package has to be pickled.
 """
 
 from __future__ import annotations
@@ -27,23 +30,27 @@ from data_prep.clouds.conditions import (
 from data_prep.failures import BadInput, MissingDependency, StageFailure, unknown
 from data_prep.plugins import announced, load_entry_point
 
-if TYPE_CHECKING:  # `bench list` answers at once
+if TYPE_CHECKING:  # NumPy is slow to import, and `bench list` does not need it
     import numpy as np
 
     from data_prep.scene import PointCloud
 
-ALL = "all"  # every condition of this project, for `bench data export`
+ALL = "all"  # what `bench data export` takes for "every condition of this project"
+# The ids that no condition of another package may have.
 OUR_CONDITIONS = frozenset({ALL, *(condition.id for condition in CONDITIONS)})
-GAP = 0.6  # of a step of an axis, between kinds of conditions
-MOST_POINTS = 100_000  # about 50 times the cloud of the protocol; methods take minutes beyond
+GAP = 0.6  # space between two kinds of conditions on an axis, in steps of that axis
+# The most points that a condition of another package may return: about 50 times the cloud of the
+# protocol. With more, methods take minutes for a cloud.
+MOST_POINTS = 100_000
 
 
 @dataclass(frozen=True)
 class PluginPerturbation:
-    """The change of a condition of another package, found again by its id in each worker.
+    """The perturbation of a condition of another package, which each worker loads by its id.
 
-    condition  the id, by which a worker loads the perturbation
-    key        all that the clouds depend on (`Condition.key`), for the key of finished work
+    condition  the id of the condition
+    key        `Condition.key`, a text with all that the perturbed clouds depend on. It is a part of
+               the keys by which finished work is found again
     """
 
     condition: str
@@ -52,14 +59,15 @@ class PluginPerturbation:
     def apply(self, cloud: PointCloud, rng: np.random.Generator) -> PointCloud:
         """Return the perturbed cloud.
 
-        Raises StageFailure for anything but a usable one, and MissingDependency where the package
-        is not installed, or is another version than in the process that has planned the work.
+        Raises StageFailure where the package raises an exception or returns no usable cloud, and
+        MissingDependency where the package is not installed in this process, or is not of the
+        version with which the work was planned.
         """
         try:
             return applied(_planned_condition(self), cloud, rng)
         except (MissingDependency, MemoryError):
             raise
-        except BaseException as error:  # code of a package, which may call exit()
+        except BaseException as error:  # the package's code may raise anything, SystemExit too
             reason = str(error).splitlines()[0] if str(error) else "no message"
             if not isinstance(error, UnusableCloud):
                 reason = f"{type(error).__name__}: {reason}"
@@ -67,14 +75,15 @@ class PluginPerturbation:
 
 
 class UnusableCloud(Exception):
-    """A perturbed cloud that no run takes; the message tells why."""
+    """The error for a perturbed cloud that a run cannot use; the message says why."""
 
 
 def applied(condition: Condition, cloud: PointCloud, rng: np.random.Generator) -> PointCloud:
-    """Return a cloud perturbed by a condition of another package, and checked.
+    """Return a cloud as a condition of another package perturbs it, after checking the result.
 
-    Raises an exception for a result that is no cloud, that has no point, too many or one that is
-    not finite, and for a condition that changes its input.
+    Raises UnusableCloud where the result is not a PointCloud, has no points, more than MOST_POINTS
+    points or a point that is not finite, and where the condition changes the cloud that it was
+    given. Exceptions of the package's own code are passed on.
     """
     import numpy as np
 
@@ -98,10 +107,10 @@ def applied(condition: Condition, cloud: PointCloud, rng: np.random.Generator) -
 
 
 def find_condition(condition_id: str) -> Condition:
-    """Return the condition with this id, of the project or of an installed package.
+    """Return the condition with this id, of this project or of an installed package.
 
-    Raises BadInput for an unknown id, naming the nearest, and where a package announces a condition
-    that it does not have, or by an id that is refused.
+    Raises BadInput for an unknown id, with the nearest known one in the message; for a package that
+    announces a condition which it does not contain; and for an id that packages may not use.
     """
     for condition in CONDITIONS:
         if condition.id == condition_id:
@@ -112,16 +121,16 @@ def find_condition(condition_id: str) -> Condition:
     condition = load_condition(condition_id)
     try:
         change = PluginPerturbation(condition_id, condition.key)
-    except (Exception, SystemExit) as error:  # of another package
+    except (Exception, SystemExit) as error:  # the package's code may raise anything
         raise BadInput(
-            f"condition '{condition_id}': its identity cannot be told ({type(error).__name__}: "
-            f"{error}); fix or remove that package"
+            f"condition '{condition_id}': the package that announces it cannot say by which key "
+            f"its clouds are known ({type(error).__name__}: {error}); fix that package or remove it"
         ) from error
-    return Condition(condition_id, change, condition.source)  # the key is part of the change
+    return Condition(condition_id, change, condition.source)
 
 
 def known_condition(condition_id: str) -> Condition | None:
-    """Return the condition with this id; None if its package is gone or broken."""
+    """Return the condition with this id; None where its package is not installed or is broken."""
     try:
         return find_condition(condition_id)
     except BadInput:
@@ -130,7 +139,11 @@ def known_condition(condition_id: str) -> Condition | None:
 
 @cache
 def _planned_condition(change: PluginPerturbation) -> Condition:
-    """Return the condition of planned work. Raises MissingDependency where it is another here."""
+    """Return the condition that a worker needs for planned work.
+
+    Raises MissingDependency where its package is not installed in this process, or has another
+    version of the condition than the one with which the work was planned.
+    """
     name = change.condition
     if name not in announced("condition"):
         raise MissingDependency(f"condition '{name}': its package is not installed here")
@@ -145,20 +158,21 @@ def _planned_condition(change: PluginPerturbation) -> Condition:
 
 @cache
 def load_condition(condition_id: str) -> Condition:
-    """Return a condition of another package as it is there, loaded once a process.
+    """Return the `Condition` object of another package; each process loads it once.
 
-    Raises BadInput as `find_condition` does.
+    Raises BadInput where `find_condition` does.
     """
-    named = "data_prep.clouds.conditions.Condition"
-    return load_entry_point("condition", condition_id, Condition, named, OUR_CONDITIONS)
+    type_name = "data_prep.clouds.conditions.Condition"
+    return load_entry_point("condition", condition_id, Condition, type_name, OUR_CONDITIONS)
 
 
 class _ConditionName(NamedTuple):
-    """The names of a condition; conditions of one kind stand together on an axis.
+    """The names of a condition in figures and tables.
 
-    kind     the kind of the change; "" for a condition that is not known
-    short    name beside others of its kind
-    words    name that needs nothing beside it
+    kind     the kind of change, such as "noise". Conditions of one kind stand together on an axis.
+             "" for a condition that this project does not know
+    short    the name where the kind is named already, such as "5 %"
+    words    the name where nothing else is said, such as "noise 5 % of the radius"
     """
 
     kind: str
@@ -173,27 +187,31 @@ class _ConditionName(NamedTuple):
 
 
 def condition_name(condition_id: str) -> _ConditionName:
-    """Return the names of a condition; of one that is not known its id."""
-    from data_prep.scene import CLOUD_SIZE  # `bench list` needs no NumPy
+    """Return the names of a condition; for one that this project does not know they are its id."""
+    from data_prep.scene import CLOUD_SIZE  # here, for it imports NumPy: see TYPE_CHECKING above
 
     match next((c.perturbation for c in CONDITIONS if c.id == condition_id), None):
         case Unchanged():
-            name = ("points", f"{CLOUD_SIZE:,}", f"{CLOUD_SIZE:,} points")
+            kind, short = "points", f"{CLOUD_SIZE:,}"
+            words = f"{short} points"
         case Stride(step):
-            count = f"{-(-CLOUD_SIZE // step):,}"
-            name = ("points", count, f"{count} of {CLOUD_SIZE:,} points")
+            kind, short = "points", f"{-(-CLOUD_SIZE // step):,}"  # the quotient rounded up
+            words = f"{short} of {CLOUD_SIZE:,} points"
         case GaussianNoise(sigma):
-            name = ("noise", _percent(sigma), f"noise {_percent(sigma)} of the radius")
+            kind, short = "noise", _percent(sigma)
+            words = f"noise {short} of the radius"
         case Outliers(share):
-            name = ("outliers", _percent(share), f"{_percent(share)} outliers")
+            kind, short = "outliers", _percent(share)
+            words = f"{short} outliers"
         case Missing(share):
-            name = ("missing", _percent(share), f"{_percent(share)} missing on one side")
+            kind, short = "missing", _percent(share)
+            words = f"{short} missing on one side"
         case UnevenDensity(ratio):
+            kind, short = "density", f"{ratio:g} : 1"
             words = f"{CLOUD_SIZE // 2:,} points, {ratio:g} times as dense at one end"
-            name = ("density", f"{ratio:g} : 1", words)
         case _:
-            name = ("", condition_id, condition_id)
-    return _ConditionName(*name)
+            kind, short, words = "", condition_id, condition_id
+    return _ConditionName(kind=kind, short=short, words=words)
 
 
 def _percent(share: float) -> str:
@@ -201,37 +219,52 @@ def _percent(share: float) -> str:
 
 
 def condition_words(condition_id: str) -> str:
-    """Return a condition in words that need nothing beside them; the id of an unknown one."""
+    """Return the name of a condition where nothing else is said, such as "5 % outliers".
+
+    For a condition that this project does not know, it is the id.
+    """
     return condition_name(condition_id).words
 
 
-def places(conditions: Sequence[str]) -> list[float]:
-    """Return places on an axis, a step apart, with a gap where another kind of change begins."""
-    kinds = [condition_name(condition).kind for condition in conditions]
-    at, gaps = [], 0.0
-    for i, kind in enumerate(kinds):
-        gaps += GAP * (i > 0 and kind != kinds[i - 1])
-        at.append(i + gaps)
-    return at
+def axis_positions(conditions: Sequence[str]) -> list[float]:
+    """Return the positions of conditions on an axis, in their order.
+
+    The first is at 0 and each next one is a step of 1 further, with GAP more where its kind is
+    another than that of the condition before it.
+    """
+    positions: list[float] = []
+    gaps = 0.0
+    kind_before = None
+    for number, condition in enumerate(conditions):
+        kind = condition_name(condition).kind
+        if number > 0 and kind != kind_before:
+            gaps += GAP
+        positions.append(number + gaps)
+        kind_before = kind
+    return positions
 
 
-def listed(conditions: Iterable[str], every: Sequence[str]) -> str:
-    """Return conditions in words: all of `every` but some, all of a kind, or one by one."""
-    chosen = set(conditions)
-    if chosen == set(every) and len(every) > 1:
+def conditions_in_words(conditions: Iterable[str], every: Sequence[str]) -> str:
+    """Return which of the conditions `every` are meant, as briefly as possible.
+
+    Examples: "every condition", "every condition but 512 of 2,048 points" (where at most a quarter
+    is left out), "any noise" (where a kind is complete), else their names one by one.
+    """
+    meant = set(conditions)
+    if meant == set(every) and len(every) > 1:
         return "every condition"
-    others = [condition for condition in every if condition not in chosen]
+    others = [condition for condition in every if condition not in meant]
     if others and 4 * len(others) <= len(every):
-        return f"every condition but {listed(others, every)}"
+        return f"every condition but {conditions_in_words(others, every)}"
     by_kind: dict[str, list[str]] = {}
     for condition in every:
         by_kind.setdefault(condition_name(condition).kind, []).append(condition)
     parts = []
     for kind, of_kind in by_kind.items():
-        if kind and len(of_kind) > 1 and chosen.issuperset(of_kind):
+        if kind and len(of_kind) > 1 and meant.issuperset(of_kind):
             parts.append("any number of points" if kind == "points" else f"any {kind}")
-        else:
-            parts += [condition_words(c) for c in of_kind if c in chosen]
+            continue
+        parts += [condition_words(condition) for condition in of_kind if condition in meant]
     return ", ".join(parts)
 
 
@@ -239,10 +272,12 @@ def listed(conditions: Iterable[str], every: Sequence[str]) -> str:
 class Family:
     """Conditions along a numeric axis, in the order in which clouds get worse.
 
-    axis         what is varied, with its unit
-    steps        (value on the axis, condition), values rising or falling
-    trained      by network, the least and the most that it was shown in training
-    logarithmic  whether equal factors are equal steps
+    axis         the property that is varied, with its unit, as the label of the axis
+    steps        pairs of a value on the axis and the id of the condition with this value; the
+                 values rise or fall all along
+    trained      triples of a network, and the lowest and the highest value that its training
+                 clouds had
+    logarithmic  whether the axis is logarithmic
     """
 
     id: str
@@ -263,48 +298,56 @@ class Family:
 
     def unseen_by(self, value: float) -> tuple[str, ...]:
         """Return the networks whose training had no cloud with this value on the axis."""
-        return tuple(name for name, least, most in self.trained if not least <= value <= most)
+        return tuple(
+            network for network, lowest, highest in self.trained if not lowest <= value <= highest
+        )
 
 
-# Of `splat-net@chair` the constants of learning/clouds.py; of `pc2pix` its bundled weights
-# (pc2pix/weights/chair.md): it was shown at most 1,024 points, and of more it sees 1,024 at a time.
+# The ranges in `trained` come from these places: for `splat-net@chair` from the constants of
+# learning/clouds.py, for `pc2pix` from the card of its bundled weights (pc2pix/weights/chair.md).
+# Though pc2pix was trained on at most 1,024 points, its range of points ends at 2,048: of a larger
+# cloud it sees 1,024 points at a time.
 FAMILIES = (
     Family(
         "points",
         "points",
-        ((2048, "2048"), (1024, "1024"), (512, "512"), (256, "256"), (128, "128")),
+        steps=((2048, "2048"), (1024, "1024"), (512, "512"), (256, "256"), (128, "128")),
         trained=(("splat-net@chair", 512, 2048), ("pc2pix", 256, 2048)),
         logarithmic=True,
     ),
     Family(
         "noise",
         "noise: standard deviation, in radii of the unit sphere",
-        (
+        steps=(
             (0.0, "2048"),
-            *((0.05, "noise-0.05"), (0.10, "noise-0.10")),
-            *((0.15, "noise-0.15"), (0.20, "noise-0.20")),
+            (0.05, "noise-0.05"),
+            (0.10, "noise-0.10"),
+            (0.15, "noise-0.15"),
+            (0.20, "noise-0.20"),
         ),
         trained=(("splat-net@chair", 0.0, 0.12), ("pc2pix", 0.0, 0.10)),
     ),
     Family(
         "outliers",
         "outliers: share of the points",
-        (
+        steps=(
             (0.0, "2048"),
-            *((0.01, "outliers-0.01"), (0.05, "outliers-0.05"), (0.10, "outliers-0.10")),
+            (0.01, "outliers-0.01"),
+            (0.05, "outliers-0.05"),
+            (0.10, "outliers-0.10"),
         ),
         trained=(("splat-net@chair", 0.0, 0.0), ("pc2pix", 0.0, 0.0)),
     ),
     Family(
         "missing",
         "missing on one side: share of the points",
-        ((0.0, "2048"), (0.25, "missing-0.25"), (0.50, "missing-0.50")),
+        steps=((0.0, "2048"), (0.25, "missing-0.25"), (0.50, "missing-0.50")),
         trained=(("splat-net@chair", 0.0, 0.0), ("pc2pix", 0.0, 0.0)),
     ),
-    Family(  # of 1,024 points all: beside them stands the stride
+    Family(  # all of its clouds have 1,024 points; the evenly thinned one is the condition "1024"
         "density",
         "density: densest end to sparsest, of 1,024 points",
-        ((1.0, "1024"), (3.0, "density-3"), (10.0, "density-10")),
+        steps=((1.0, "1024"), (3.0, "density-3"), (10.0, "density-10")),
         trained=(("splat-net@chair", 1.0, 1.0), ("pc2pix", 1.0, 1.0)),
         logarithmic=True,
     ),
@@ -312,10 +355,11 @@ FAMILIES = (
 
 
 def families_of(conditions: Iterable[str]) -> tuple[Family, ...]:
-    """Return the families with at least two of these conditions, reduced to them."""
+    """Return the families that have at least two of these conditions, with only their steps."""
     wanted = set(conditions)
-    reduced = (
-        replace(family, steps=tuple(step for step in family.steps if step[1] in wanted))
-        for family in FAMILIES
-    )
-    return tuple(family for family in reduced if len(family.steps) > 1)
+    families = []
+    for family in FAMILIES:
+        steps = tuple((value, id_) for value, id_ in family.steps if id_ in wanted)
+        if len(steps) > 1:
+            families.append(replace(family, steps=steps))
+    return tuple(families)

@@ -14,7 +14,7 @@ from bench.analysis.comparison import COST, VALUE, milliseconds
 from bench.analysis.condition_sweep import FAMILY, place_of
 from bench.analysis.paper import PAPER_METRIC, PAPER_NETWORK, SURFACE, Published, network_of
 from bench.analysis.run_pairs import Differences
-from bench.catalogue.conditions import Family, condition_name, condition_words, places
+from bench.catalogue.conditions import Family, axis_positions, condition_name, condition_words
 from bench.catalogue.methods import COST_VARIANTS, find_setting, role
 from bench.catalogue.metrics import FURTHER_METRICS, IMAGE_METRICS, higher_is_better, is_mean
 from bench.records.frames import Artifact
@@ -94,7 +94,8 @@ def quality_panel(metric: str, rows: pd.DataFrame, by_class: bool) -> SweepPanel
     """Return the panel of a metric: by condition, or of several classes at one by class."""
     step = "class" if by_class else "condition"
     steps = ordered(rows[step])
-    at = dict(zip(steps, map(float, range(len(steps))) if by_class else places(steps), strict=True))
+    positions = [float(i) for i in range(len(steps))] if by_class else axis_positions(steps)
+    at = dict(zip(steps, positions, strict=True))
     names = {name: condition_name(name) for name in steps}
     kinds: dict[str, list[float]] = {}
     for name in () if by_class else steps:

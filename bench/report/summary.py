@@ -28,7 +28,7 @@ from bench.analysis.intervals import FEWEST
 from bench.analysis.paired import Verdicts
 from bench.analysis.paper import network_of
 from bench.catalogue.chosen import BEST_CLASSICAL, CHOSEN
-from bench.catalogue.conditions import listed
+from bench.catalogue.conditions import conditions_in_words
 from bench.catalogue.lookup import family_of
 from bench.catalogue.methods import COST_VARIANTS, FLOOR, find_setting
 from bench.tables.grid import ordered
@@ -230,7 +230,7 @@ def _statement(
     for methods, by_metric in where.items():
         by_place: dict[str, list[str]] = {}
         for metric, conditions in by_metric.items():
-            by_place.setdefault(listed(conditions, every), []).append(metric)
+            by_place.setdefault(conditions_in_words(conditions, every), []).append(metric)
         parts = [f"{place} ({', '.join(of_place)})" for place, of_place in by_place.items()]
         more = len(methods) - NAMED
         rest = f"and {more} more, " if more > 0 else ""

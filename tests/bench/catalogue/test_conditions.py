@@ -5,7 +5,13 @@ from __future__ import annotations
 import numpy as np
 import pytest
 
-from bench.catalogue.conditions import FAMILIES, condition_name, families_of, listed, places
+from bench.catalogue.conditions import (
+    FAMILIES,
+    axis_positions,
+    condition_name,
+    conditions_in_words,
+    families_of,
+)
 from bench.catalogue.lookup import find
 from bench.catalogue.suites import SUITES
 from data_prep.clouds.conditions import (
@@ -36,12 +42,12 @@ def test_conditions_in_words():
 
 def test_conditions_of_a_kind_stand_together():
     every = ("2048", "512", "noise-0.05", "noise-0.10", "outliers-0.01")
-    assert np.diff(places(every)).tolist() == pytest.approx([1, 1.6, 1, 1.6])
-    assert listed(every, every) == "every condition"
-    assert listed(every[2:4], every) == "any noise"
-    assert listed(every[1:], every) == "every condition but 2,048 points"
-    assert listed(every[1:4], every) == "512 of 2,048 points, any noise"
-    assert listed(every[:1], every[:1]) == "2,048 points"
+    assert np.diff(axis_positions(every)).tolist() == pytest.approx([1, 1.6, 1, 1.6])
+    assert conditions_in_words(every, every) == "every condition"
+    assert conditions_in_words(every[2:4], every) == "any noise"
+    assert conditions_in_words(every[1:], every) == "every condition but 2,048 points"
+    assert conditions_in_words(every[1:4], every) == "512 of 2,048 points, any noise"
+    assert conditions_in_words(every[:1], every[:1]) == "2,048 points"
 
 
 BY_ID = {family.id: family for family in FAMILIES}
