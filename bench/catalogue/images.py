@@ -22,7 +22,7 @@ from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
-from bench.catalogue.method import IMAGES, Method
+from bench.catalogue.method import IMAGES_PREFIX, Method
 from data_prep.datasets.objects import SceneObject
 from data_prep.failures import BadInput, StageFailure
 from data_prep.files.checksums import file_sha256
@@ -169,7 +169,7 @@ def entered_claims(manifest: Mapping[str, Any], method_id: str) -> Claims | None
 def address_of(manifest: Mapping[str, Any], method_id: str) -> str:
     """Return the text by which a method of a run is found: its id, or "images:" and its tree."""
     tree = _entry(manifest, method_id).get(TREE)
-    return f"{IMAGES}{tree}" if isinstance(tree, str) else method_id
+    return f"{IMAGES_PREFIX}{tree}" if isinstance(tree, str) else method_id
 
 
 def _entry(manifest: Mapping[str, Any], method_id: str) -> Mapping[str, Any]:
@@ -188,7 +188,7 @@ class ImageTree:
     @property
     def address(self) -> str:
         """Return the text by which a command finds the method."""
-        return f"{IMAGES}{self.root}"
+        return f"{IMAGES_PREFIX}{self.root}"
 
     def prepare(self, cloud: PointCloud, rng: np.random.Generator | None = None) -> CloudOrigin:
         """Return the place of a cloud in its run. Raises StageFailure for another cloud."""

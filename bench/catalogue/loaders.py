@@ -20,10 +20,12 @@ if TYPE_CHECKING:
 
     from data_prep.scene import Renderer
 
-GPU = "cuda"
-BUNDLED = "chair"
-# By the first digits of the checksum of a file in colours, the checksum of the file that earlier
-# versions had for its grey part: the same tensors, so that what was drawn with them is kept.
+GPU = "cuda"  # PyTorch's name of a GPU
+BUNDLED = "chair"  # the name of the weights of pc2pix that its default variant draws with
+# Checksums by which the grey variants of networks are known. Keys are the first 12 digits of the
+# checksum of a file of weights that now holds a network for colours and one for grey. The values
+# are the checksums of the files that the grey networks had for themselves in earlier versions. The
+# tensors are the same, so that images drawn with the earlier files need not be drawn again.
 _GREY_FILES = {
     "6331efaaab8a": "0445cfb77209b1c073dd734f0fe6b3307884d28faf3f498a5d50375f5c589416",
     "43900479f408": "d81ce265948ae583db8aec0a6d9d075a6602b1bcde7ab1db21b5685c17b6010c",
@@ -33,13 +35,14 @@ _GREY_FILES = {
 
 @dataclass(frozen=True)
 class _NetworkPackage:
-    """A package of this project that has a network with files of weights.
+    """A package of this project with a network whose weights are in files.
 
-    package    its name; it has `load`, and a module `weights`
-    libraries  that its images depend on
-    version    raised by hand when a change alters its images
-    command    trains it
-    beside     the package whose meshes its network sees, with the weights of all classes
+    package    the package's import name. It has a function `load` and a module `weights`
+    libraries  the installed packages whose versions its images depend on
+    version    increase this number by hand with a change of the code that changes its images
+    command    the command that trains the network
+    beside     another such package, whose meshes are an input of this network; None without one.
+               Their weights are those called "all", which were trained on all classes
     """
 
     package: str
@@ -49,18 +52,21 @@ class _NetworkPackage:
     beside: _NetworkPackage | None = None
 
     def load(self, weights: str, device: str) -> Renderer:
-        """Return the renderer with a bundled name or file of weights."""
+        """Return the renderer with weights, given by a bundled name or as the path of a file."""
         package = importlib.import_module(self.package)
         return package.load(weights, device=chosen_device(device))
 
     def file(self, weights: str) -> Path:
-        """Return the file of a bundled name, its checksum verified."""
+        """Return the file of the weights of a bundled name, after verifying its checksum."""
         from learning.weights import FILES
 
         return FILES[self.package].find(weights)
 
     def identity(self, weights: str) -> str:
-        """Return the versions of the libraries, and the checksum of bundled weights."""
+        """Return a text of what images with bundled weights depend on beside the package's code.
+
+        It has the versions of the libraries and the checksum of the weights.
+        """
         from data_prep.files.checksums import file_sha256
 
         sha256 = file_sha256(self.file(weights))
@@ -68,41 +74,52 @@ class _NetworkPackage:
         return self._identity(kept)
 
     def file_identity(self, path: str) -> str:
-        """Return the same for a file of weights. Raises BadInput for a file that is none."""
-        # Loaded in full: a bad file is to be refused before the run, not in each of its jobs.
+        """Return the text of `identity` for a file of weights that the user has given.
+
+        Raises BadInput for a file that has no weights of this network.
+        """
+        # The whole file is loaded, not only its checksum taken, so that unusable weights are
+        # refused once, before the run starts, and not in each of its jobs.
         weights = importlib.import_module(f"{self.package}.weights")
         return self._identity(weights.load_weights(path).sha256)
 
     def _identity(self, sha256: str) -> str:
         text = f"{versions(*self.libraries)}, weights {sha256}"
-        if (other := self.beside) is not None:
+        other = self.beside
+        if other is not None:
             name = other.package.rpartition(".")[2].replace("_", "-")
             text += f"; {name} {other.version}: {other.identity('all')}"
         return text
 
 
-PC2PIX = _NetworkPackage("pc2pix", ("torch",), 5, "bench train gan")
-SPLAT_NET = _NetworkPackage("baselines.splat_net", ("torch", "scipy"), 2, "bench train splat-net")
+PC2PIX = _NetworkPackage(
+    package="pc2pix", libraries=("torch",), version=5, command="bench train gan"
+)
+SPLAT_NET = _NetworkPackage(
+    package="baselines.splat_net",
+    libraries=("torch", "scipy"),
+    version=2,
+    command="bench train splat-net",
+)
 OCCUPANCY_NET = _NetworkPackage(
-    "baselines.occupancy_net",
-    ("embreex", "scikit-image", "torch"),
-    3,
-    "bench train occupancy-net",
+    package="baselines.occupancy_net",
+    libraries=("embreex", "scikit-image", "torch"),
+    version=3,
+    command="bench train occupancy-net",
 )
 UPSAMPLER = _NetworkPackage(
-    "baselines.upsampler",
-    ("embreex", "pymeshlab", "scipy", "torch", "trimesh"),
-    1,
-    "bench train upsampler",
+    package="baselines.upsampler",
+    libraries=("embreex", "pymeshlab", "scipy", "torch", "trimesh"),
+    version=1,
+    command="bench train upsampler",
 )
-
-
-# A change of the meshes of denoised-wrap, which it sees too, raises its version.
+# The network of fused-net also sees the meshes of denoised-wrap: increase its version with a change
+# of the code that changes these meshes, too.
 FUSED_NET = _NetworkPackage(
-    "baselines.fused_net",
-    ("embreex", "pymeshlab", "scikit-image", "scipy", "torch"),
-    6,
-    "bench train fused-net",
+    package="baselines.fused_net",
+    libraries=("embreex", "pymeshlab", "scikit-image", "scipy", "torch"),
+    version=6,
+    command="bench train fused-net",
     beside=OCCUPANCY_NET,
 )
 
@@ -124,28 +141,29 @@ def paper_width(device: str) -> Renderer:
 
 
 def chosen_device(device: str) -> str:
-    """Return PyTorch's name of a device; "auto" is the GPU where there is one.
+    """Return PyTorch's name of a device: "auto" becomes "cuda" where there is a GPU, else "cpu".
 
-    Raises MissingDependency for a GPU where there is none.
+    Raises MissingDependency where "cuda" is wanted and there is no GPU.
     """
-    from learning.training_loop import prepare_device  # imports torch
+    from learning.training_loop import prepare_device  # here, because it imports torch
 
     return str(prepare_device(device))
 
 
 def renderer(class_path: str, device: str, **fields: float) -> Renderer:
-    """Return an instance of a class below `baselines`, given as MODULE:NAME, that learns nothing.
+    """Return an instance of a renderer without a network, such as `reference:TrueMesh`.
 
-    It draws on the processor, whatever the device.
+    class_path  the class as MODULE:NAME, the module named from the package `baselines` on
+    fields      keyword arguments of the class
     """
-    del device
+    del device  # such a renderer draws on the CPU, whatever device is asked for
     module, _, name = class_path.partition(":")
     return getattr(importlib.import_module(f"baselines.{module}"), name)(**fields)
 
 
 def constant(device: str) -> Renderer:
-    """Return the renderer of the bundled image."""
-    del device
+    """Return the renderer of the method `constant`, which always draws the same bundled image."""
+    del device  # nothing is computed
     from baselines.reference import CONSTANT_IMAGE, Constant
     from data_prep.rendering.images import read_image
 
@@ -154,20 +172,21 @@ def constant(device: str) -> Renderer:
 
 
 def constant_identity() -> str:
-    """Return the checksum of the bundled image."""
+    """Return a text with the checksum of the bundled image of the method `constant`."""
     from baselines.reference import CONSTANT_IMAGE
     from data_prep.rendering.images import read_image
 
-    # Of its pixels, not of its file, which another PNG writer may pack differently.
+    # The checksum is taken of the pixels: the same pixels can be stored in different PNG files.
     image, _ = read_image(CONSTANT_IMAGE)
     return f"picture {sha256(image.tobytes()).hexdigest()}"
 
 
 def open3d_identity(version: Callable[[str], str] = installed_version) -> str:
-    """Return the versions of Open3D and of what else the images depend on.
+    """Return the versions of Open3D and of the other libraries that the images depend on.
 
-    Open3D is the package open3d-cpu, or open3d, which is larger by CUDA: the method uses neither's
-    GPU. Raises MissingDependency, before any work is begun, where none is installed.
+    Open3D is installed as the package open3d-cpu, or as open3d, which is larger because it contains
+    CUDA. The method runs on the CPU with both. Raises MissingDependency where neither is installed,
+    so that a run is refused before it starts.
     """
     from baselines.reconstruction.open3d_poisson import REMEDY
 
@@ -180,5 +199,8 @@ def open3d_identity(version: Callable[[str], str] = installed_version) -> str:
 
 
 def versions(*packages: str) -> str:
-    """Return installed packages with their versions as text; empty for none."""
+    """Return a text with the versions of installed packages, such as "scipy 1.14.1, torch 2.5.1".
+
+    It is empty where no packages are given.
+    """
     return ", ".join(f"{package} {installed_version(package)}" for package in packages)

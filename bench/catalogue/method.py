@@ -1,8 +1,9 @@
-"""The type of a method, and methods of modules that are not installed, by MODULE:NAME.
+"""The type of a method, and how a method of a module that is not installed is loaded.
 
-Such a module is a file in the current folder, say. To find its method is to execute it. So only the
-names that a command line gives are found (`allow_modules`). A manifest, which may come from
-anywhere, can name a module as well, and nothing of it is executed.
+A user names such a method MODULE:NAME; the module may be a file in the current folder. Loading the
+method executes the module. So a module is loaded only where a command line names it
+(`allow_modules`). The manifest of a run can name a module, too; but a manifest may come from
+anywhere, and a module that only a manifest names is never executed.
 """
 
 from __future__ import annotations
@@ -29,11 +30,14 @@ if TYPE_CHECKING:
 Kind = Literal["", "reconstruction", "network", "splat", "reference"]
 Color = Literal["", "none", "invented", "true"]
 
-ANY_SIZE = range(16, 2049)  # of an image, by the methods that draw surfaces or discs
-# The names that a command has allowed. Worker processes inherit it, as they do `sys.path`.
+# The sides in pixels of the images that a method which draws surfaces or discs can draw.
+ANY_SIZE = range(16, 2049)
+# The environment variable with the names MODULE:NAME that a command line has allowed, with commas
+# between them. Worker processes inherit it, as they inherit `sys.path`.
 ALLOWED = "PC2PIX_BENCH_MODULES"
-IMAGES = "images:"  # of a folder of images on the command line, as in "images:TREE"
-NAME = re.compile(rf"(?!{IMAGES})[^\W\d]\w*(\.[^\W\d]\w*)*:[^\W\d]\w*(\.[^\W\d]\w*)*")
+IMAGES_PREFIX = "images:"  # begins the name of a folder of images on the command line: images:TREE
+# A name MODULE:NAME, both parts with or without dots. What begins with "images:" is none.
+NAME = re.compile(rf"(?!{IMAGES_PREFIX})[^\W\d]\w*(\.[^\W\d]\w*)*:[^\W\d]\w*(\.[^\W\d]\w*)*")
 
 
 @dataclass(frozen=True)
@@ -50,7 +54,8 @@ class Method:
         Returns as text what else its images depend on: the versions of its libraries, the
         checksum of its weights.
     version : int
-        Raised by hand when a change alters its images; finished work is then done again.
+        Increase this number by hand with a change of the code that changes its images. Images
+        that were drawn with another version are then drawn again.
     source : str
         One line about what it does and where it comes from.
     sees_mesh : bool
@@ -99,14 +104,14 @@ class Method:
 
     def __post_init__(self) -> None:
         sizes = self.sizes
-        whole = isinstance(sizes, Sequence) and all(isinstance(side, int) for side in sizes)
-        if not whole or 128 not in sizes or list(sizes) != sorted({*sizes}) or sizes[0] < 1:
+        are_whole = isinstance(sizes, Sequence) and all(isinstance(side, int) for side in sizes)
+        if not are_whole or 128 not in sizes or list(sizes) != sorted({*sizes}) or sizes[0] < 1:
             raise BadInput(
                 f"method '{self.id}': sizes {sizes!r}; give whole numbers in ascending order, 128 "
                 "among them, such as (128, 512)"
             )
-        listed = isinstance(self.files, (tuple, list))
-        if not listed or not all(isinstance(path, (str, Path)) for path in self.files):
+        is_sequence = isinstance(self.files, (tuple, list))
+        if not is_sequence or not all(isinstance(path, (str, Path)) for path in self.files):
             raise BadInput(
                 f"method '{self.id}': files {self.files!r:.60}; give a tuple of paths, such as "
                 "('weights.npz',)"
@@ -114,28 +119,38 @@ class Method:
 
     @property
     def address(self) -> str:
-        """Return the text by which a run finds the method: its id, or where its images are."""
+        """Return the text by which a run finds the method.
+
+        It is the id; for a method that was run elsewhere it is "images:" and the folder of images.
+        """
         return self.images.address if self.images else self.id
 
     @property
     def declared_files(self) -> tuple[str | Path, ...]:
-        """Return its `files`, and its file of weights."""
+        """Return the paths in `files`, followed by the file of weights if the method has one."""
         if self.weights_file is None:
             return tuple(self.files)
         return (*self.files, self.weights_file())
 
     @property
     def family(self) -> str:
-        """Return the id without its variant; it fixes colour and marker in every plot."""
+        """Return the id without its variant; a family has one colour and marker in plots."""
         return family_of(self.id)
 
     def drawn_at(self, size: int) -> int:
-        """Return the side of the images that it draws where ones of `size` are wanted."""
+        """Return the side in pixels of the images that the method draws for images of `size`.
+
+        It is the smallest of `sizes` that is not less than `size`, or else the largest.
+        """
         return next((side for side in self.sizes if side >= size), self.sizes[-1])
 
     @property
     def role(self) -> str:
-        """Return "ceiling", "floor" (a reference method that sees no cloud) or "" (competes)."""
+        """Return the role of the method in comparisons.
+
+        "ceiling" is a method that draws the true mesh, "floor" a reference method that does not see
+        the cloud. A method that competes with others has the role "".
+        """
         if self.sees_mesh:
             return "ceiling"
         return "floor" if self.kind == "reference" and not self.sees_cloud else ""
@@ -147,16 +162,18 @@ def is_module_name(name: str) -> bool:
 
 
 def allow_modules(names: Iterable[str]) -> None:
-    """Let this process and its workers load the names of the form MODULE:NAME among `names`."""
-    if modules := [name for name in names if is_module_name(name)]:
+    """Allow this process and its workers to load those of `names` that are MODULE:NAME."""
+    modules = [name for name in names if is_module_name(name)]
+    if modules:
         os.environ[ALLOWED] = ",".join(dict.fromkeys([*_allowed(), *modules]))
         search_folder()
 
 
 def search_folder() -> None:
-    """Let this process and its workers import modules of the current folder."""
-    if (folder := str(Path.cwd())) not in sys.path:
-        sys.path.append(folder)  # last: no file of this folder hides an installed module
+    """Allow this process and its workers to import modules of the current folder."""
+    folder = str(Path.cwd())
+    if folder not in sys.path:
+        sys.path.append(folder)  # at the end, so that no file of it hides an installed module
 
 
 def _allowed() -> list[str]:
@@ -164,7 +181,7 @@ def _allowed() -> list[str]:
 
 
 def check_module(name: str) -> None:
-    """Raise BadInput where the module of a name MODULE:NAME is not there; load nothing."""
+    """Raise BadInput where Python does not find the module of MODULE:NAME. It is not executed."""
     package = name.partition(":")[0].partition(".")[0]
     if not package.isidentifier() or find_spec(package) is None:
         raise BadInput(
@@ -174,23 +191,29 @@ def check_module(name: str) -> None:
 
 
 def load_object(module: str, path: str) -> Any:
-    """Return the object at a dotted path of a module; what its module raises goes on.
+    """Import a module and return the object at a dotted path in it.
 
-    Raises BadInput where the module has no such object.
+    Raises BadInput where the module has no such object. Whatever importing the module raises is
+    passed on.
     """
     import numpy as np
 
-    with np.errstate():  # as in `data_prep.plugins.load_entry_point`
+    with np.errstate():  # undoes a module's own `np.seterr`, as `load_entry_point` does
         target: Any = import_module(module)
     for part in path.split("."):
         if not hasattr(target, part):
-            raise BadInput(f"{module} has no '{path}'; give a name in it")
+            raise BadInput(
+                f"{module} has no '{path}'; give the name of a method in it, as in {module}:NAME"
+            )
         target = getattr(target, part)
     return target
 
 
 def as_method(target: Any, name: str) -> Method | None:
-    """Return a method, or a class or an object that draws as a method; None for another object."""
+    """Return an object of a module as a method; None where it is not usable as one.
+
+    A class or an object with the functions `prepare` and `draw` becomes a method of this `name`.
+    """
     if isinstance(target, Method):
         return target
     if not all(callable(getattr(target, function, None)) for function in ("prepare", "draw")):
@@ -202,17 +225,20 @@ def as_method(target: Any, name: str) -> Method | None:
 
 
 def _instance(target: Any, device: str) -> Any:
-    """Return an object that draws: a class is instantiated, in each worker anew."""
-    del device  # a class that needs it is wrapped in a Method
+    """Return an object that draws: an instance of a class, or the object itself.
+
+    Each worker process makes its own instance.
+    """
+    del device  # an author whose class needs the device wraps it in a Method
     return target() if isinstance(target, type) else target
 
 
 @cache
 def module_method(name: str) -> Method:
-    """Return the method MODULE:NAME; checksums of its source and files are a part of its identity.
+    """Return the method MODULE:NAME. Its identity has checksums of its source and its files.
 
-    Raises BadInput for a name that no command has allowed, a module that cannot be loaded, and an
-    object that is no method.
+    Raises BadInput for a name that no command line has allowed, for a module that cannot be loaded,
+    and for an object that is not usable as a method.
     """
     if name not in _allowed():
         raise BadInput(
@@ -228,7 +254,7 @@ def module_method(name: str) -> Method:
     except (Exception, SystemExit) as error:  # a module may raise anything
         raise BadInput(
             f"{name}: its module cannot be loaded ({type(error).__name__}: {error}); "
-            f"'bench test {name}' says more"
+            f"'bench test {name}' shows where in its code"
         ) from error
     if (method := as_method(target, name)) is None:
         raise BadInput(

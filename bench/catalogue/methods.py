@@ -1,7 +1,7 @@
-"""The methods of the benchmark, a row of `methods.csv` each, and their variants.
+"""The methods of the benchmark, each a row of `methods.csv`, and their variants.
 
-Other packages add methods by entry points of the group `pc2pix_bench.methods`: the name is the
-method's id, the object a `Method`.
+Other packages add methods by entry points of the group `pc2pix_bench.methods`. The name of such an
+entry point is the method's id, and its object is a `Method`.
 """
 
 from __future__ import annotations
@@ -14,10 +14,10 @@ from functools import cache, partial
 from pathlib import Path
 from typing import Any, NamedTuple
 
-from bench.catalogue import loaders  # no package that is slow to import: `bench list` needs this
+from bench.catalogue import loaders  # it imports no slow package, so that `bench list` is fast
 from bench.catalogue.chosen import CHOSEN
 from bench.catalogue.lookup import family_of, find, variant_of
-from bench.catalogue.method import ANY_SIZE, IMAGES, Method, is_module_name, module_method
+from bench.catalogue.method import ANY_SIZE, IMAGES_PREFIX, Method, is_module_name, module_method
 from bench.catalogue.method_files import declared_files, with_files
 from data_prep.failures import BadInput, unknown
 from data_prep.files.safe_read import is_regular_file
@@ -30,7 +30,8 @@ _WITH_WEIGHTS_FILE = {
     "occupancy-net": loaders.OCCUPANCY_NET,
     "upsampled-wrap": loaders.UPSAMPLER,
 }
-_BY_HAND: dict[str, dict[str, Any]] = {  # what rows cannot say
+# Fields of `Method` that a row of the table cannot express, by the id of the method.
+_BY_HAND: dict[str, dict[str, Any]] = {
     "open3d-poisson": {"identity": loaders.open3d_identity},
     "true-mesh@grey": {"load": partial(loaders.renderer, "reference:TrueMesh", coloured=False)},
     "constant": {"load": loaders.constant, "identity": loaders.constant_identity},
@@ -42,22 +43,27 @@ def _rows() -> list[dict[str, Any]]:
         return list(csv.DictReader(file))
 
 
-# The methods that a reader should choose from, with what for.
+# The methods that a user should choose from: by id, the use that each is the best choice for.
 CHOOSE_FOR: dict[str, str] = {row["id"]: row["choose_for"] for row in _rows() if row["choose_for"]}
 
 
 def _methods() -> Iterator[Method]:
-    """Yield the methods of the table.
+    """Yield the methods of the table, whose columns are fields of `Method` and these.
 
-    sees      mesh, as only the ceiling does; cloud; or nothing, with the same images always
-    version   raised by hand when a change alters its images; "" for that of its package
-    sizes     of its images in pixels, or any
-    renderer  of a network the package (`_WITH_WEIGHTS_FILE`), else a class below `baselines`
-    needs     of a network the name of its weights, else the libraries that its images depend on
+    sees      what the method draws from: "mesh" is the true mesh, "cloud" the cloud, and "nothing"
+              means that it always draws the same images
+    version   increase this number by hand with a change of the code that changes the images. It is
+              empty for a network, which has the version of its package
+    sizes     the sides in pixels of its images, or "any" for ANY_SIZE
+    renderer  for a network its package, as named in `_WITH_WEIGHTS_FILE`; else a class below
+              `baselines`, as MODULE:NAME
+    needs     for a network the name of its bundled weights; else the libraries whose versions its
+              images depend on
     """
     for row in _rows():
         renderer, needs, version = row.pop("renderer"), row.pop("needs"), row.pop("version")
-        sees, sizes, _ = row.pop("sees"), row.pop("sizes"), row.pop("choose_for")
+        sees, sizes = row.pop("sees"), row.pop("sizes")
+        del row["choose_for"]
         fields: dict[str, Any] = {"sees_mesh": sees == "mesh", "sees_cloud": sees == "cloud"}
         if row["kind"] == "network":
             package = _WITH_WEIGHTS_FILE[renderer]
@@ -74,7 +80,7 @@ def _methods() -> Iterator[Method]:
 
 
 METHODS = tuple(_methods())
-# Methods that nobody would draw with, but whose cost is measured beside the others.
+# Methods that exist only for the suite `speed`: their costs are compared with those of the others.
 COST_VARIANTS = (
     replace(
         METHODS[0],
@@ -83,26 +89,29 @@ COST_VARIANTS = (
         source="pc2pix with an untrained generator of the paper's width, for its cost alone",
     ),
 )
-RECOMMENDED = "fused-net@grey"  # for a cloud of an unknown object: docs/trade.md
-RECOMMENDED_IN_COLOUR = "fused-net"  # the same where colours are asked for
+# The method that `bench render` draws a cloud with by default: docs/trade.md says why.
+RECOMMENDED = "fused-net@grey"
+RECOMMENDED_IN_COLOUR = "fused-net"  # the default method where the user asks for colours
 BUNDLED = (*METHODS, *COST_VARIANTS)
-# The first ones stand where the id of a method stands: they are no ids for methods of others.
+# The names that methods of other packages may not have: the families of our own methods, and the
+# names that stand in place of a method in tables, which are "ground-truth" and the chosen rows.
 OUR_FAMILIES = {"ground-truth", *CHOSEN, *_WITH_WEIGHTS_FILE} | {m.family for m in BUNDLED}
-FLOOR = "blank"
-PAPERS_CHAIN = {"surface-apss", "surface-fit", "surface-bpa"}  # or a part of it
+FLOOR = "blank"  # the method with white images, against which others are compared
+# The methods that reconstruct a surface by the MeshLab steps of the paper, or by some of them.
+PAPERS_CHAIN = {"surface-apss", "surface-fit", "surface-bpa"}
 FLOORS = tuple(method.id for method in METHODS if method.role == "floor")
 
 
 @dataclass(frozen=True)
 class Parameter:
-    """A number that a method's class takes as a field.
+    """A number that a user can set for a method, as in `poisson@depth=6`.
 
-    method         the id of the method that has it
-    name           in ids of variants
-    low, high      the values that are taken, both included
+    method         the id of the method that has the parameter
+    name           its name, as it stands after the "@"
+    low, high      the lowest and the highest value that are allowed
     about          what it is, with its unit
-    field          of the method's class; "" where it has the parameter's name
-    whole          whether only whole numbers are taken
+    field          the name of the argument of the method's class; "" where that is `name`
+    whole          whether only whole numbers are allowed
     """
 
     method: str
@@ -119,11 +128,20 @@ _whole = partial(Parameter, whole=True)
 PARAMETERS = (
     _whole("surface-apss", "resolution", 10, 400, "grid cells along the longest side of the cloud"),
     Parameter(
-        "surface-fit", "cell", 0.5, 4, "side of a grid cell, in pixels at the origin", "cell_px"
+        method="surface-fit",
+        name="cell",
+        low=0.5,
+        high=4,
+        about="side of a grid cell, in pixels at the origin",
+        field="cell_px",
     ),
     Parameter(
-        *("surface-bpa", "radius", 0.1, 20),
-        *("of the ball, in percent of the diagonal of the cloud's box", "radius_percent"),
+        method="surface-bpa",
+        name="radius",
+        low=0.1,
+        high=20,
+        about="of the ball, in percent of the diagonal of the cloud's box",
+        field="radius_percent",
     ),
     _whole("poisson", "depth", 3, 10, "levels of the octree"),
     Parameter("alpha-wrap", "ball", 0.5, 8, "radius of the ball, in spacings of the points"),
@@ -135,14 +153,14 @@ PARAMETERS = (
 
 
 class _Setting(NamedTuple):
-    """A parameter and its value."""
+    """A parameter and the value that a method's id gives it."""
 
     parameter: Parameter
     value: float
 
 
 def find_setting(method_id: str) -> _Setting | None:
-    """Return the setting of an id METHOD@PARAMETER=VALUE; None for an id of another form.
+    """Return the parameter and value of an id METHOD@PARAMETER=VALUE; None for other ids.
 
     Raises BadInput for a parameter that the method does not have, and for a value out of its range.
     """
@@ -150,9 +168,10 @@ def find_setting(method_id: str) -> _Setting | None:
     name, equals, text = setting.partition("=")
     if not equals or method_id.endswith(".safetensors"):
         return None
-    parameter = next((k for k in PARAMETERS if (k.method, k.name) == (method, name)), None)
+    known = {(parameter.method, parameter.name): parameter for parameter in PARAMETERS}
+    parameter = known.get((method, name))
     if parameter is None:
-        variants = ", ".join(f"{k.method}@{k.name}=..." for k in PARAMETERS)
+        variants = ", ".join(f"{method}@{name}=..." for method, name in known)
         raise BadInput(f"unknown variant '{method_id}': there are {variants}")
     try:
         value = int(text) if parameter.whole else float(text)
@@ -168,31 +187,32 @@ def find_setting(method_id: str) -> _Setting | None:
 
 
 def find_run_method(address: str) -> Method:
-    """Return a method of a run: by its id, or with the images in a folder, as "images:TREE".
+    """Return a method of a run by its `Method.address`: its id, or a folder of images images:TREE.
 
-    Raises BadInput as `find_method`, and as `bench.catalogue.images.entered_method`.
+    Raises BadInput where `find_method` or `bench.catalogue.images.entered_method` does.
     """
-    if not address.startswith(IMAGES):
+    if not address.startswith(IMAGES_PREFIX):
         return find_method(address)
     from bench.catalogue.images import entered_method
 
     taken = OUR_FAMILIES | {family_of(id_) for id_ in announced("method")}
-    return entered_method(Path(address.removeprefix(IMAGES)), taken)
+    return entered_method(Path(address.removeprefix(IMAGES_PREFIX)), taken)
 
 
 def find_method(method_id: str) -> Method:
-    """Return the method with this id, or a variant of one, that draws any cloud.
+    """Return the method with this id.
 
-    `pc2pix@FILE.safetensors` and the like (_WITH_WEIGHTS_FILE) have weights of your own,
-    `METHOD@PARAMETER=VALUE` is a method with one parameter set
-    (`PARAMETERS`), `MODULE:NAME` is of a module that the command line
-    names (`bench.catalogue.method.module_method`).
+    The id is one of the table or of an installed package, or has one of these forms:
+    `pc2pix@FILE.safetensors`, a network of `_WITH_WEIGHTS_FILE` with a user's own weights;
+    `METHOD@PARAMETER=VALUE`, a method with a value for one of `PARAMETERS`; `MODULE:NAME`, a method
+    of a module that the command line names (`bench.catalogue.method.module_method`).
 
-    Raises BadInput for images in place of a method, an unknown id (naming the nearest), an unknown
-    parameter or value, weights that are missing or in another format, where another package
-    announces a method that it does not have, and as `module_method`.
+    Raises BadInput for images:TREE, which draws no cloud but those of its export; for an unknown
+    id, with the nearest known one in the message; for an unknown parameter or value; for weights
+    that are missing or in another format; for a package that announces a method which it does not
+    contain; and where `module_method` does.
     """
-    if method_id.startswith(IMAGES):
+    if method_id.startswith(IMAGES_PREFIX):
         raise BadInput(
             f"{method_id}: images of an export, which cannot draw other clouds; give them to "
             "'bench run' of a suite that scores images"
@@ -231,14 +251,15 @@ def find_method(method_id: str) -> Method:
 
 
 def is_foreign(method_id: str) -> bool:
-    """Return whether drawing with a method executes code of others than this project."""
+    """Return whether drawing with a method executes code that is not this project's."""
     return method_id in announced("method") or is_module_name(method_id)
 
 
 @cache
 def _plugin(method_id: str) -> Method:
-    named = "bench.methods.Method"
-    method = load_entry_point("method", method_id, Method, named, OUR_FAMILIES)
+    """Return the method of another package, with checksums of its files in its identity."""
+    type_name = "bench.methods.Method"
+    method = load_entry_point("method", method_id, Method, type_name, OUR_FAMILIES)
 
     def identity() -> str:
         folder = entry_point_folder("method", method_id)
@@ -249,18 +270,21 @@ def _plugin(method_id: str) -> Method:
 
 
 def objectives(methods: Iterable[Method]) -> dict[str, str]:
-    """Return what the weights of networks were trained with, by id; other methods are left out."""
+    """Return the training losses of networks by method id, leaving out methods without weights."""
     from learning.weights import objective_of
 
-    networks = ((method.id, method.weights_file) for method in methods)
-    return {id_: objective_of(find_file()) for id_, find_file in networks if find_file}
+    losses = {}
+    for method in methods:
+        if method.weights_file is not None:
+            losses[method.id] = objective_of(method.weights_file())
+    return losses
 
 
 def role(method_id: str) -> str:
-    """Return the role of a row of tables: that of its method, or "chosen".
+    """Return the role of a row of tables: `Method.role` of its method, or "chosen".
 
-    "chosen" is a row of `bench.catalogue.chosen`, another method at each condition; methods
-    that compete, and methods that are gone, have the role "".
+    The role "chosen" is that of the chosen rows (`bench.catalogue.chosen`). A row has the role ""
+    where its method competes with others, and where its method is not known here.
     """
     if method_id in CHOSEN:
         return "chosen"
@@ -269,17 +293,22 @@ def role(method_id: str) -> str:
 
 
 def training_objects(method_id: str, manifest: Mapping[str, Any]) -> str:
-    """Return the objects that a method of a run was trained on; "" where nobody says."""
+    """Return what a method of a run was trained on, such as "chairs"; "" where it is not known.
+
+    For a method that was run elsewhere it is what its author claims in the manifest.
+    """
     from bench.catalogue.images import entered_claims
 
     if claims := entered_claims(manifest, method_id):
         return claims.trained_on
     method = known_method(method_id)
-    return (method and method.trained_on) or ""
+    if method is None or method.trained_on is None:
+        return ""
+    return method.trained_on
 
 
 def known_method(method_id: str) -> Method | None:
-    """Return the method with this id; None if its weights file or its package is gone."""
+    """Return the method with this id; None where its weights or its package are not here."""
     try:
         return find_method(method_id)
     except BadInput:

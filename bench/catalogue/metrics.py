@@ -1,7 +1,8 @@
-"""The metrics of the benchmark, a row of `metrics.csv` each, and the extractors behind some.
+"""The metrics of the benchmark, each a row of `metrics.csv`, and the extractors that some need.
 
-Nothing but the Fréchet distance on the published Inception features is called `fid`, and nothing
-but the kernel distance on these `kid`.
+An *extractor* is a network that turns an image into a vector of features. Only the Fréchet distance
+on the features of the published Inception network is called `fid`, and only the kernel distance on
+the same features is called `kid`.
 """
 
 from __future__ import annotations
@@ -12,7 +13,7 @@ from collections.abc import Callable, Iterator
 from dataclasses import dataclass
 from math import inf
 from pathlib import Path
-from typing import TYPE_CHECKING, Any
+from typing import TYPE_CHECKING
 
 from bench.catalogue.loaders import GPU, chosen_device
 from bench.catalogue.lookup import find
@@ -20,7 +21,7 @@ from bench.judges import JUDGE_WEIGHTS, VIEWS_WEIGHTS
 from bench.metrics.inception_weights import WeightsUnavailable, find_weights
 from bench.metrics.packaged_weights import find_lpips_weights
 
-if TYPE_CHECKING:  # `bench list` answers at once
+if TYPE_CHECKING:  # NumPy is slow to import, and `bench list` does not need it
     import numpy as np
     from numpy.typing import NDArray
 
@@ -29,21 +30,24 @@ if TYPE_CHECKING:  # `bench list` answers at once
 
 @dataclass(frozen=True)
 class _Metric:
-    """A metric of tables.
+    """A metric that tables show.
 
-    kind       image        of every image of a run and the true one (`bench.metrics.image_scores`)
-               further      the same of no suite: on request, of the images that a run has kept
-               set          Fréchet distance of sets of images, on the features of an extractor
-               kernel       kernel distance of sets of images, on such features
-               recognition  made from the features of a set metric, of each image
-               control      whether an image shows the view and the object that it should: a judge
-                            predicts them from the image alone; its answers are features, too, of
-                            which no distance is taken
-    low, high  the least and the largest value, for intervals
-    higher     whether more is better
-    decimals   digits after the point in tables
-    undefined  why it may have no value for an image that is there; "" where it always has one
-    extractor  whose features or network it needs; "" for none, or where it has the metric's id
+    kind       image        compares each image with the true one (`bench.metrics.image_scores`);
+                            suites compute it in each run
+               further      compares images in the same way, but belongs to no suite: `bench score`
+                            computes it from the images that a run has stored
+               set          the Fréchet distance between two sets of images, on the features of an
+                            extractor
+               kernel       the kernel distance between two sets of images, on such features
+               recognition  a value for each image, computed from the features of a set metric
+               control      tells whether an image shows the view and the object that it should. A
+                            judge, which is an extractor, too, predicts both from the image alone
+    low, high  the lowest and the highest possible value, beyond which no interval goes
+    higher     whether higher values are better
+    decimals   digits after the decimal point in tables
+    undefined  why an image may have no value of this metric; "" where every image has one
+    extractor  the id of the extractor that it needs; "" where it needs none, or where the extractor
+               has the id of the metric
     """
 
     kind: str
@@ -60,25 +64,30 @@ class _Metric:
 def _rows() -> Iterator[_Metric]:
     with Path(__file__).with_suffix(".csv").open(encoding="utf-8", newline="") as file:
         for row in csv.DictReader(file):
-            low, high = float(row.pop("low") or -inf), float(row.pop("high") or inf)
-            higher, decimals = row.pop("better") == "higher", int(row.pop("decimals"))
-            yield _Metric(low=low, high=high, higher=higher, decimals=decimals, **row)
+            yield _Metric(
+                low=float(row.pop("low") or -inf),
+                high=float(row.pop("high") or inf),
+                higher=row.pop("better") == "higher",
+                decimals=int(row.pop("decimals")),
+                **row,
+            )
 
 
 METRICS = {metric.id: metric for metric in _rows()}
 
 
-def _of(kind: str) -> tuple[str, ...]:
+def _ids_of_kind(kind: str) -> tuple[str, ...]:
     return tuple(metric.id for metric in METRICS.values() if metric.kind == kind)
 
 
-IMAGE_METRICS = _of("image")
-FURTHER_METRICS = _of("further")
-SET_METRICS = _of("set")
-KERNEL_METRICS = _of("kernel")
-RECOGNITION_METRICS = _of("recognition")
-CONTROL_METRICS = _of("control")
-FURTHER_VERSION = 1  # of the further ones: raise when a change alters one of their values
+IMAGE_METRICS = _ids_of_kind("image")
+FURTHER_METRICS = _ids_of_kind("further")
+SET_METRICS = _ids_of_kind("set")
+KERNEL_METRICS = _ids_of_kind("kernel")
+RECOGNITION_METRICS = _ids_of_kind("recognition")
+CONTROL_METRICS = _ids_of_kind("control")
+# Increase this version with a change of the code that changes a value of any of FURTHER_METRICS.
+FURTHER_VERSION = 1
 JUDGE = "judge"
 FID = "fid"
 Extractor = Callable[["NDArray[np.uint8]"], "NDArray[np.float32]"]
@@ -86,12 +95,14 @@ Extractor = Callable[["NDArray[np.uint8]"], "NDArray[np.float32]"]
 
 @dataclass(frozen=True)
 class FeatureSource:
-    """An extractor of features of images, uint8 [N, H, W, 3] to float32 [N, d].
+    """An extractor: it computes features float32 [N, d] of images uint8 [N, H, W, 3].
 
-    version  raised by hand when a change alters the features
-    weights  finds the file to load, given the option of the command line; it raises
-             WeightsUnavailable where there is none, and then the metric is skipped
-    build    takes the path that `weights` finds, and PyTorch's name of a device
+    version  increase this number by hand with a change of the code that changes the features
+    weights  a function that returns the file of weights. It is given the file that the command line
+             names, or None. It raises WeightsUnavailable where there is no file, and then the
+             metrics that need this extractor are skipped
+    build    a function that returns the extractor, given that file's path and PyTorch's name of a
+             device
     """
 
     id: str
@@ -102,8 +113,9 @@ class FeatureSource:
     def load(self, weights: str, device: str) -> Extractor:
         """Return the extractor with the weights of a file on a device: "auto", "cpu" or "cuda".
 
-        Features are computed in full float32 on each (`learning.exact`), and differ by rounding.
-        Raises BadInput for unusable weights, and MissingDependency for a GPU where there is none.
+        On every device features are computed in full float32 (`learning.exact`), so that those of
+        two devices differ only by rounding. Raises BadInput for unusable weights, and
+        MissingDependency where "cuda" is wanted and there is no GPU.
         """
         return self.build(weights, chosen_device(device))
 
@@ -125,12 +137,18 @@ def _views(weights: str, device: str) -> Extractor:
     model = load_views_network(Path(weights))
     fold_normalisation(model)
     model.to(device)
-    last: list[NDArray[Any]] = []  # images and their features: of grey images fd-views-grey asks
+    # The images of the last call and their features. Where images are grey, fd-views-grey asks for
+    # the features of the same images as fd-views just before.
+    last_images: NDArray[np.uint8] | None = None
+    last_features: NDArray[np.float32] | None = None
 
     def features(images: NDArray[np.uint8]) -> NDArray[np.float32]:
-        if not (last and np.array_equal(last[0], images)):
-            last[:] = images.copy(), view_features(model, images)
-        return last[1]
+        nonlocal last_images, last_features
+        is_known = last_images is not None and np.array_equal(last_images, images)
+        if last_features is None or not is_known:
+            last_features = view_features(model, images)
+            last_images = images.copy()
+        return last_features
 
     return features
 
@@ -145,10 +163,12 @@ def _views_grey(weights: str, device: str) -> Extractor:
 
 
 def metrics_device(device: str) -> str:
-    """Return the device of the networks of metrics in a run on this device.
+    """Return the device on which a run computes the networks of its metrics: "cuda" or "cpu".
 
-    "auto", which `bench.running.options.device_of` leaves where there is no GPU or a cluster draws,
-    is the CPU: all images of a run are to be measured on one device, and nodes of a cluster differ.
+    It is "cuda" where `device`, that of the run, is "cuda". For the device "auto" it is "cpu": a
+    run still has the device "auto" where there is no GPU, or where a cluster draws
+    (`bench.running.options.device_of`). Nodes of a cluster may differ in this, and all images of a
+    run have to be measured on the same kind of device.
     """
     return GPU if device == GPU else "cpu"
 
@@ -175,19 +195,29 @@ def _judge(weights: str, device: str) -> Extractor:
     return lambda images: judge(network, images)
 
 
-def _bundled_judge(chosen: str | None) -> Path:
-    del chosen
+def _views_file(given: str | None) -> Path:
+    del given  # the command line names no file for this network
+    return VIEWS_WEIGHTS
+
+
+def _alexnet_file(given: str | None) -> Path:
+    del given  # the command line names no file for this network
+    return find_lpips_weights()
+
+
+def _judge_file(given: str | None) -> Path:
+    del given  # the command line names no file for this network
     if not JUDGE_WEIGHTS.is_file():
         raise WeightsUnavailable(f"{JUDGE_WEIGHTS} is missing; install pc2pix-bench again")
     return JUDGE_WEIGHTS
 
 
 EXTRACTORS = (
-    FeatureSource(FID, 1, find_weights, _fid),
-    FeatureSource("fd-views", 3, lambda _: VIEWS_WEIGHTS, _views),
-    FeatureSource("fd-views-grey", 3, lambda _: VIEWS_WEIGHTS, _views_grey),
-    FeatureSource("fd-alexnet", 1, lambda _: find_lpips_weights(), _alexnet),
-    FeatureSource(JUDGE, 2, _bundled_judge, _judge),
+    FeatureSource(FID, version=1, weights=find_weights, build=_fid),
+    FeatureSource("fd-views", version=3, weights=_views_file, build=_views),
+    FeatureSource("fd-views-grey", version=3, weights=_views_file, build=_views_grey),
+    FeatureSource("fd-alexnet", version=1, weights=_alexnet_file, build=_alexnet),
+    FeatureSource(JUDGE, version=2, weights=_judge_file, build=_judge),
 )
 
 
@@ -196,46 +226,50 @@ def find_extractor(extractor_id: str) -> FeatureSource:
     return find(extractor_id, EXTRACTORS, "metric")
 
 
-_DECLARED: dict[str, _Metric] = {}  # by id; ids of packages are refused where they are ours
+# The image metrics of other packages that `declare_metric` was called for, by their ids. None has
+# an id of METRICS: `bench.catalogue.plugins` refuses a package that announces one.
+_DECLARED: dict[str, _Metric] = {}
 
 
 def declare_metric(metric_id: str, higher_is_better: bool, decimals: int) -> None:
-    """Make a further image metric known to the functions below, in this process."""
+    """Make an image metric of another package known to the functions below, in this process."""
     _DECLARED[metric_id] = _Metric(
-        "further", metric_id, "", higher=higher_is_better, decimals=decimals
+        kind="further", id=metric_id, about="", higher=higher_is_better, decimals=decimals
     )
 
 
 def declared_metric(metric_id: str) -> _Metric | None:
-    """Return the facts of a further image metric; None for one that is not declared."""
+    """Return what `declare_metric` was told about a metric; None where it was not called for it."""
     return _DECLARED.get(metric_id)
 
 
 def metric_facts(metric_id: str) -> _Metric:
-    """Return the row of a metric, one without limits for a metric that is not known."""
-    return METRICS.get(metric_id) or _DECLARED.get(metric_id) or _Metric("", metric_id, "")
+    """Return the description of a metric. An unknown one has the kind "" and no limits."""
+    known = METRICS.get(metric_id) or _DECLARED.get(metric_id)
+    return known or _Metric(kind="", id=metric_id, about="")
 
 
 def extractor_of(metric: str) -> str:
-    """Return the id of the extractor behind a set metric or a learned image metric."""
+    """Return the id of the extractor that a set metric or a learned image metric needs."""
     return metric_facts(metric).extractor or metric
 
 
 def is_mean(metric: str) -> bool:
-    """Return whether a metric is a mean over objects, not a distance of sets or a median."""
+    """Return whether a value in a table is a mean over objects, and no median or set distance."""
     return metric_facts(metric).kind in ("image", "further", "recognition")
 
 
 def value_range(metric: str) -> tuple[float, float]:
-    """Return the least and the largest value that a metric can have; infinite without a limit."""
-    return metric_facts(metric).low, metric_facts(metric).high
+    """Return the lowest and the highest value that a metric can have; infinite without a limit."""
+    facts = metric_facts(metric)
+    return facts.low, facts.high
 
 
 def higher_is_better(metric: str) -> bool:
-    """Return whether more of a metric of the tables is better."""
+    """Return whether higher values of a metric are better."""
     return metric_facts(metric).higher
 
 
 def column(metric: str) -> str:
-    """Return the name of an image metric in the records."""
+    """Return the name of the column that an image metric has in the records of a run."""
     return metric.replace("-", "_")

@@ -1,8 +1,9 @@
-"""Metrics of kept images: scores of images against the true ones, and distances of sets.
+"""The metrics that `bench score` computes from the stored images of a finished run.
 
-They are `FURTHER_METRICS` and those of other packages. A package announces one by
-an entry point, whose name is the metric's id: of the group `pc2pix_bench.metrics` an `ImageMetric`,
-of `pc2pix_bench.extractors` a `SetMetric`. `bench score` takes it of the images of a finished run.
+They are our own `FURTHER_METRICS` and the metrics of other packages. Another package announces a
+metric by an entry point whose name is the metric's id. In the group `pc2pix_bench.metrics` its
+object is an `ImageMetric`, which scores each image against the true one; in the group
+`pc2pix_bench.extractors` it is a `SetMetric`, a distance between sets of images.
 """
 
 from __future__ import annotations
@@ -38,13 +39,15 @@ if TYPE_CHECKING:
 
 @dataclass(frozen=True)
 class ImageMetric:
-    """A score of images.
+    """A metric that scores each drawn image against the true one.
 
-    score    of true and drawn images, uint8 [V, H, W, 3] each: float64 [V], finite. The images
-             of one object, those of its views; no score may depend on the others. Raises
-             WeightsUnavailable where something optional is not installed: then it is skipped
-    version  raised by hand when a change alters the values; it stands in the tables
-    about    one line for people
+    score    a function of the true and the drawn images of one object, each uint8 [V, H, W, 3] with
+             an image of each of V views. It returns finite scores, float64 [V]; the score of a view
+             must not depend on the other views. It raises WeightsUnavailable where an optional part
+             of the package is not installed, and then the metric is skipped
+    version  increase this number by hand with a change of the code that changes the scores; tables
+             name it
+    about    one line that tells a user what the metric measures
     """
 
     id: str
@@ -56,13 +59,15 @@ class ImageMetric:
 
 @dataclass(frozen=True)
 class SetMetric:
-    """Distances between sets of images by the features of a network.
+    """A metric that is the Fréchet distance between sets of images, on features of a network.
 
-    features  of images uint8 [V, H, W, 3]: real numbers [V, d], finite; d is the same for all
-              images, and the features of an image depend on no other. Raises WeightsUnavailable
-              where something optional is not installed: then it is skipped
-    version   raised by hand when a change alters the values; it stands in the tables
-    about     one line for people
+    features  a function of images uint8 [V, H, W, 3] that returns their features, finite real
+              numbers [V, d]. The number d is the same for all images, and the features of an image
+              must not depend on other images. It raises WeightsUnavailable where an optional part
+              of the package is not installed, and then the metric is skipped
+    version   increase this number by hand with a change of the code that changes the features;
+              tables name it
+    about     one line that tells a user what the metric measures
     """
 
     id: str
@@ -71,7 +76,7 @@ class SetMetric:
     about: str
 
 
-# By kind: the ids of this project, which no plug-in may have.
+# The ids of this project, which no plug-in may have, by the kind of plug-in.
 OUR_IDS = {
     "method": OUR_FAMILIES,
     "metric": METRICS.keys(),
@@ -81,11 +86,13 @@ OUR_IDS = {
 
 
 def find_metric(metric_id: str, device: str = "cpu") -> ImageMetric | SetMetric:
-    """Return the metric with this id, one of the further ones or of an installed package.
+    """Return the metric with this id: one of `FURTHER_METRICS`, or of an installed package.
 
-    A network of the further ones runs on `device`: "auto", "cpu" or "cuda".
-    Raises BadInput for an unknown id, naming the nearest, for a metric that every run has, and
-    where a package announces a metric that it does not have, or by an id that is refused.
+    If one of `FURTHER_METRICS` needs a network, that runs on `device`: "auto", "cpu" or "cuda".
+
+    Raises BadInput for an unknown id, with the nearest known one in the message; for a metric that
+    runs compute by themselves; for a package that announces a metric which it does not contain; and
+    for an id that packages may not use.
     """
     if metric_id in FURTHER_METRICS:
         return _further(metric_id, device)
@@ -97,26 +104,26 @@ def find_metric(metric_id: str, device: str = "cpu") -> ImageMetric | SetMetric:
             )
         raise unknown(metric_id, (*FURTHER_METRICS, *announced("metric")), "metric")
     if metric_id in entry_point_names(EXTRACTORS):
-        type_, named = SetMetric, "bench.catalogue.plugins.SetMetric"
+        type_, type_name = SetMetric, "bench.catalogue.plugins.SetMetric"
     else:
-        type_, named = ImageMetric, "bench.image_metric.ImageMetric"
-    return load_entry_point("metric", metric_id, type_, named, OUR_IDS["metric"])
+        type_, type_name = ImageMetric, "bench.image_metric.ImageMetric"
+    return load_entry_point("metric", metric_id, type_, type_name, OUR_IDS["metric"])
 
 
 def _lacking(metric_id: str) -> str:
-    """Return the cause and the remedy where a metric of suites has no weights here; else ""."""
+    """Return why a metric of suites has no weights here, with the remedy; "" where it has them."""
     try:
         find_extractor(extractor_of(metric_id)).weights(None)
     except WeightsUnavailable as error:
         return f"{error}; "
-    except BadInput:  # a metric without weights of its own
+    except BadInput:  # there is no such extractor: the metric needs no weights
         pass
     return ""
 
 
 def _further(metric_id: str, device: str) -> ImageMetric:
     def score(truth: NDArray[np.uint8], drawn: NDArray[np.uint8]) -> NDArray[np.float64]:
-        from bench.metrics.image_scores import further_score  # `bench list` needs none of them
+        from bench.metrics.image_scores import further_score  # slow to import
 
         return further_score(metric_id, device)(truth, drawn)
 
@@ -125,14 +132,19 @@ def _further(metric_id: str, device: str) -> ImageMetric:
 
 
 def plugin_problem(kind: str, id_: str) -> str:
-    """Return why what packages announce under an id cannot be used; "" where it can, or is none.
+    """Return why the plug-in with this id cannot be used; "" where it can, and without one.
 
-    `kind` is "method", "metric", "dataset" or "condition". Nothing is loaded.
+    `kind` is "method", "metric", "dataset" or "condition". The code of the plug-in is not loaded.
     """
     return refusal(kind, id_, OUR_IDS[kind]) if id_ in announced(kind) else ""
 
 
 def plugin_problems() -> tuple[str, ...]:
-    """Return the problems of all ids that installed packages announce."""
-    problems = (plugin_problem(kind, id_) for kind in OUR_IDS for id_ in announced(kind))
-    return tuple(filter(None, problems))
+    """Return why plug-ins of installed packages cannot be used, a line for each of these."""
+    problems = []
+    for kind in OUR_IDS:
+        for id_ in announced(kind):
+            problem = plugin_problem(kind, id_)
+            if problem:
+                problems.append(problem)
+    return tuple(problems)

@@ -1,8 +1,9 @@
-"""The suites: literal tables of what is measured and shown. The suite is the configuration.
+"""The suites: tables in code that say what a run measures and shows.
 
-Whatever can move a value beyond its tolerance stands here; the command line chooses only where, how
-much and how fast. Of the truth it chooses the colours: a cloud has none, so against truth in
-colours a part of every score is luck with the lightness; in grey only the shape counts.
+Every setting that can move a value beyond its tolerance stands here. The command line chooses where
+a run is carried out, with how much data and how fast. It also chooses whether true images are in
+colours or in grey. A cloud has no colours, so that a score against true images in colours depends
+in part on whether a method happens to guess the lightness; in grey it depends on the shape alone.
 """
 
 from __future__ import annotations
@@ -20,10 +21,10 @@ from data_prep.failures import unknown
 
 @dataclass(frozen=True)
 class Limits:
-    """The wall time in seconds of a task, and the resident memory in GiB of its worker."""
+    """What a task may use before it is ended and counts as failed."""
 
-    time_s: float
-    memory_gib: float
+    time_s: float  # seconds by the clock
+    memory_gib: float  # resident memory of the worker that does the task
 
 
 TableKind = Literal[
@@ -49,19 +50,21 @@ TRUTHS: dict[Truth, str] = {
 
 @dataclass(frozen=True)
 class TableSpec:
-    """A table of a suite.
+    """A table that a suite declares.
 
-    kind          images           means over objects by `image_metrics`
-                  sets             distances by `set_metrics`
-                  classes          both by class and in the mean over classes, `class_metrics`
-                  detail           means over objects by `detail_metrics`
-                  recognition      what the judge recognises, by `control_metrics`
-                  orderings        SR against pc2pix in each class, as the paper's Table 5 has them
-                  condition sweep  methods along families of conditions
+    kind          images           the means over objects of the suite's `image_metrics`
+                  sets             its `set_metrics`, which are distances between sets of images
+                  classes          its `class_metrics` in each class, and their means over classes
+                  detail           the means over objects of its `detail_metrics`
+                  recognition      its `control_metrics`: what the judge recognises in images
+                  orderings        whether the surface reconstruction of the paper (SR) or pc2pix is
+                                   ahead in each class, beside the paper's Table 5
+                  condition sweep  how methods compare along families of conditions
                   frontier         quality against cost
                   points           quality against the number of points
-    name          of its files, without suffix
-    paper_layout  whether Markdown begins with SR beside PC2PIX and the paper's values
+    name          the name of its files, without suffix
+    paper_layout  whether its Markdown begins with the two methods of the paper, SR and PC2PIX, side
+                  by side with the paper's values
     """
 
     kind: TableKind
@@ -71,7 +74,8 @@ class TableSpec:
 
 
 _paper_table = partial(TableSpec, paper_layout=True)
-# Titles do not name the truth: `bench.tables.table.of_protocol` adds it to those of all tables.
+# No title says whether true images are in colours or in grey: `bench.tables.table.of_protocol` adds
+# that to the titles of all tables.
 DETAIL_TABLE = TableSpec(
     "detail", "table_detail", "Detail: the object alone, its outline and its thin parts"
 )
@@ -81,27 +85,31 @@ SET_TABLE = TableSpec("sets", "table_frechet", "Distances between sets of images
 
 @dataclass(frozen=True)
 class Suite:
-    """Methods x conditions x objects x views, the metrics, and the tables and figures of a run.
+    """What a run measures: every method at every condition on every object from every view.
 
-    classes          the classes of the dataset that take part
-    image_metrics    of the paper's table of SSIM
-    detail_metrics   further image metrics, in a table of their own
+    A suite also declares the metrics, and the tables and figures that show them.
+
+    classes          the classes of the dataset whose objects are drawn
+    image_metrics    the metrics of the paper's table of SSIM
+    detail_metrics   further metrics of single images, which have a table of their own
     set_metrics      Fréchet and kernel distances between sets of images
-    class_metrics    by class and in the mean over classes, in the paper's Table 5
-    control_metrics  what the judge recognises
-    views            random views per object
-    endless_limit    objects taken from a dataset without end (the procedural one)
-    limits           for one method on one cloud with all its views; what takes more has failed
-    frontier         metrics that cost is traded for
-    condition_sweep  metrics by which methods are compared along families of conditions
-    headline         metrics of the table that a run shows while it goes on, and at its end
-    truth            true images in the colours of their objects or, by `with_truth` alone, with all
-                     faces in neutral grey; points and views are the same
-    grey_methods     methods that join the list where the truth is in grey
-    timed            whether one worker does all, so that times are taken with nothing beside them
-    tables           in the order in which they are shown; without those that a part of a run, or
-                     one with few methods, does not give
-    figures          the figures in the run's folder
+    class_metrics    the metrics that the table of classes shows, as the paper's Table 5 does
+    control_metrics  the metrics of what the judge recognises in an image
+    views            the number of random views of each object
+    endless_limit    the number of objects of each class that are taken from a dataset that can
+                     make any number of them, as the procedural one can
+    limits           what one method may use for one cloud with all its views
+    frontier         the metrics whose values are compared with the cost of an image
+    condition_sweep  the metrics by which methods are compared along families of conditions
+    headline         the metrics of the short table that a run prints while it goes on, and at its
+                     end
+    truth            whether true images have the colours of their objects, or all faces in neutral
+                     grey, which only `with_truth` sets. Points and views are the same with both
+    grey_methods     methods that are added to `methods` where true images are in grey
+    timed            whether a single worker does all jobs, so that no other job disturbs its times
+    tables           the tables, in the order in which they are shown. A run lacks those that its
+                     objects or methods do not suffice for
+    figures          the set of figures that is drawn into the run's folder
     """
 
     id: str
@@ -128,15 +136,22 @@ class Suite:
 
     @property
     def extractors(self) -> tuple[str, ...]:
-        """Return the extractors of the features that the metrics are made from."""
-        of_sets = dict.fromkeys(map(extractor_of, self.set_metrics))
-        return (*of_sets, *((JUDGE,) if self.control_metrics else ()))
+        """Return the ids of the extractors whose features the metrics of the suite need."""
+        extractors = list(dict.fromkeys(map(extractor_of, self.set_metrics)))
+        if self.control_metrics:
+            extractors.append(JUDGE)
+        return tuple(extractors)
 
     @property
     def metrics(self) -> tuple[str, ...]:
         """Return the metrics that the tables of the suite show."""
-        of_images = (*self.image_metrics, *self.detail_metrics)
-        return (*of_images, *self.set_metrics, *self.class_metrics, *self.control_metrics)
+        return (
+            *self.image_metrics,
+            *self.detail_metrics,
+            *self.set_metrics,
+            *self.class_metrics,
+            *self.control_metrics,
+        )
 
     def table(self, kind: TableKind) -> TableSpec | None:
         """Return the suite's table of a kind; None where it has none."""
@@ -145,9 +160,11 @@ class Suite:
 
 @dataclass(frozen=True)
 class Procedure:
-    """A suite with a procedure of its own: its name here, all else beside it in `bench.suites`.
+    """A suite that measures something else than images of objects under conditions.
 
-    methods  the default ones
+    Its package in `bench.suites` has the code; here are the facts that lists of suites need.
+
+    methods  the methods that it measures by default
     """
 
     id: str
@@ -156,7 +173,7 @@ class Procedure:
 
 
 def _ids(text: str) -> tuple[str, ...]:
-    """Return the ids in a text, which spaces separate."""
+    """Return the ids in a text, where they stand with spaces between them."""
     return tuple(text.split())
 
 
@@ -195,7 +212,7 @@ SUITES = (
     Suite(
         id="speed-accuracy",
         about="quality against cost: every method over its parameters, and the frontier",
-        methods=(  # the values of a parameter in order: the figure joins them
+        methods=(  # the variants of a method in the order of their values: the figure joins them
             *(f"surface-apss@resolution={cells}" for cells in (25, 50, 75, 100, 150)),
             *_ids("surface-apss surface-apss@resolution=300 surface-fit surface-bpa"),
             *(f"surface-bpa@radius={percent}" for percent in (2, 3, 5)),
@@ -213,7 +230,9 @@ SUITES = (
         frontier=_ids("ssim-object lpips ssim structure silhouette-iou fd-views"),
         timed=True,
         tables=(
-            *(IMAGE_TABLE, SET_TABLE, DETAIL_TABLE),
+            IMAGE_TABLE,
+            SET_TABLE,
+            DETAIL_TABLE,
             TableSpec("frontier", "frontier", "Quality against cost"),
             TableSpec("points", "points", "Quality against the number of points"),
         ),
@@ -222,7 +241,9 @@ SUITES = (
     Suite(
         id="thirteen-classes",
         about="the paper's Table 5: one network for all classes, class by class",
-        methods=_ids(  # pc2pix knows chairs only: what one network for all gains or loses on them
+        # pc2pix was trained on chairs alone. Beside pc2pix@all it shows what one network for all
+        # classes gains or loses on chairs.
+        methods=_ids(
             "surface-apss alpha-wrap denoised-wrap occupancy-net pc2pix@all pc2pix splat-net@grey "
             "fused-net@grey true-mesh blank"
         ),
@@ -254,7 +275,9 @@ SUITES = (
             "surface-apss alpha-wrap denoised-wrap splat-fill pc2pix splat-net@chair fused-net "
             "blank"
         ),
-        conditions=_ids(  # each the worse the later, see FAMILIES in bench/catalogue/conditions.py
+        # The conditions of a kind stand in the order in which clouds get worse, as in FAMILIES of
+        # bench/catalogue/conditions.py.
+        conditions=_ids(
             "2048 1024 512 256 128 noise-0.05 noise-0.10 noise-0.15 noise-0.20 outliers-0.01 "
             "outliers-0.05 outliers-0.10 missing-0.25 missing-0.50 density-3 density-10"
         ),
@@ -264,7 +287,9 @@ SUITES = (
         endless_limit=24,
         condition_sweep=_ids("ssim lpips silhouette-iou fd-views"),
         tables=(
-            *(IMAGE_TABLE, SET_TABLE, DETAIL_TABLE),
+            IMAGE_TABLE,
+            SET_TABLE,
+            DETAIL_TABLE,
             TableSpec("condition sweep", "crossings", "Beyond what the networks were trained on"),
         ),
         figures="condition sweep",
@@ -292,14 +317,17 @@ SPEED = Procedure(
         "occupancy-net fused-net@grey splat splat-fill true-mesh"
     ),
 )
-PROCEDURES = (LATENT, STABILITY, SPEED)  # which make their tables themselves
+PROCEDURES = (LATENT, STABILITY, SPEED)
 ALL_SUITES = (*SUITES, *PROCEDURES)
-# The networks behind these were trained on images in colours.
-_OF_COLOURS = {"fid", "kid", "fd-views", "kd-views", "class-confidence"}
-CEILING = "true-mesh"
-_IN_GREY = {"fd-views": "fd-views-grey"}
-_WITH_METRICS_OF_SETS = ("set_metrics", "class_metrics", "frontier", "condition_sweep")
-# Tables of the paper, which has no truth in grey, under names that do not number them.
+# Metrics that are left out where true images are in grey: their networks were trained on images in
+# colours.
+_COLOUR_METRICS = {"fid", "kid", "fd-views", "kd-views", "class-confidence"}
+CEILING = "true-mesh"  # the method that draws the true mesh in its colours
+_GREY_METRICS = {"fd-views": "fd-views-grey"}  # metrics that others replace in grey
+# The fields of a suite that may name metrics of _COLOUR_METRICS.
+_METRIC_FIELDS = ("set_metrics", "class_metrics", "frontier", "condition_sweep")
+# Tables in place of those whose names and titles have the number of a table of the paper, for the
+# paper has no true images in grey.
 _UNNUMBERED: dict[TableKind, TableSpec] = {
     "images": IMAGE_TABLE,
     "sets": SET_TABLE,
@@ -308,34 +336,36 @@ _UNNUMBERED: dict[TableKind, TableSpec] = {
 
 
 def with_truth(suite: Suite, truth: str | None) -> Suite:
-    """Return the suite with true images in colours or in grey; None leaves it as it is.
+    """Return the suite with true images in colours or in grey; None means in colours.
 
-    In grey, the list of methods has none that makes up colours and those of `grey_methods`, and
-    there are no metrics that need colours, none of the paper's values and no check of its
-    orderings. Raises BadInput for an unknown truth.
+    In grey, methods that make up colours are left out and `grey_methods` are added. Metrics that
+    need colours, the paper's values and the check of the paper's orderings are left out, too.
+    Raises BadInput for an unknown truth.
     """
     if truth is None or truth == "coloured":
         return suite
     if truth not in TRUTHS:
         raise unknown(truth, list(TRUTHS), "truth")
+    metrics = {field: _metrics_in_grey(getattr(suite, field)) for field in _METRIC_FIELDS}
+    tables = []
+    for table in suite.tables:
+        if table.kind == "orderings":  # the table of the paper's orderings
+            continue
+        tables.append(replace(_UNNUMBERED.get(table.kind, table), paper_layout=False))
     return replace(
         suite,
         about=f"{suite.about}; here in grey",
         methods=_methods_in_grey(suite),
-        **{name: _metrics_in_grey(getattr(suite, name)) for name in _WITH_METRICS_OF_SETS},
-        tables=tuple(
-            replace(_UNNUMBERED.get(table.kind, table), paper_layout=False)
-            for table in suite.tables
-            if table.kind != "orderings"
-        ),
+        tables=tuple(tables),
         truth="grey",
+        **metrics,
     )
 
 
 def left_out_in_grey(suite: Suite) -> dict[str, str]:
-    """Return the methods that the suite's default list does not have in grey, with the reasons.
+    """Return the methods of a suite that are left out in grey, each with the reason.
 
-    Reference methods stay, but for the grey twin of `true-mesh`.
+    Reference methods are kept, except `true-mesh@grey`, whose images are those of `true-mesh` then.
     """
     reasons = {}
     for method in map(find_method, suite.methods):
@@ -347,23 +377,27 @@ def left_out_in_grey(suite: Suite) -> dict[str, str]:
 
 
 def _methods_in_grey(suite: Suite) -> tuple[str, ...]:
-    left = left_out_in_grey(suite)
-    kept = [method for method in suite.methods if method not in left]
+    left_out = left_out_in_grey(suite)
+    kept = [method for method in suite.methods if method not in left_out]
     references = [method for method in kept if find_method(method).kind == "reference"]
-    compete = [method for method in kept if method not in references]
-    return tuple(dict.fromkeys((*compete, *suite.grey_methods, *references)))
+    competing = [method for method in kept if method not in references]
+    return tuple(dict.fromkeys((*competing, *suite.grey_methods, *references)))
 
 
 def _metrics_in_grey(metrics: Sequence[str]) -> tuple[str, ...]:
-    names = (_IN_GREY.get(metric, metric) for metric in metrics)
-    return tuple(dict.fromkeys(name for name in names if name not in _OF_COLOURS))
+    """Return metrics with those of colours replaced or left out, each once."""
+    names = [_GREY_METRICS.get(metric, metric) for metric in metrics]
+    return tuple(dict.fromkeys(name for name in names if name not in _COLOUR_METRICS))
 
 
 def stored_suite(manifest: Mapping[str, Any]) -> Suite:
-    """Return the suite of a run, with the truth of the run. Raises BadInput for unknown ones."""
+    """Return the suite that the manifest of a run names, with the run's true images.
+
+    Raises BadInput where the suite or the truth is unknown.
+    """
     return with_truth(find(str(manifest.get("suite")), SUITES, "suite"), manifest.get("truth"))
 
 
 def truth_entry(suite: Suite) -> dict[str, Truth]:
-    """Return the entry of manifests for the truth; none for colours."""
+    """Return the entry "truth" that a manifest gets; empty where true images are in colours."""
     return {"truth": suite.truth} if suite.truth != "coloured" else {}

@@ -19,7 +19,7 @@ from bench.catalogue.chosen import (
     cost_of,
     measured_methods,
 )
-from bench.catalogue.method import IMAGES, Method
+from bench.catalogue.method import IMAGES_PREFIX, Method
 from bench.catalogue.methods import (
     CHOOSE_FOR,
     COST_VARIANTS,
@@ -188,7 +188,7 @@ def _methods(costs: Mapping[str, MeasuredMethod]) -> _Section:
     notes = (
         "* to choose from, see 'bench list'",
         f"'{BEST_CLASSICAL}' is one of {', '.join(chosen)}, by metric and condition",
-        f"{IMAGES}TREE: a method that was run elsewhere, by its images of an export "
+        f"{IMAGES_PREFIX}TREE: a method that was run elsewhere, by its images of an export "
         "(docs/extending.md)",
         f"{_ONE_VIEW}; ~: as another of its family, of the same size",
     )
