@@ -237,7 +237,7 @@ CASES: dict[str, str] = {
     f"{ROBUSTNESS} --methods splat@size=1": "unknown variant 'splat@size=1': there are surface-",
     f"{ROBUSTNESS} --methods nothing@spread=1": "unknown variant 'nothing@spread=1': there are ",
     f"{ROBUSTNESS} --methods pc2pix@width=2": "unknown variant 'pc2pix@width=2': there are ",
-    "table of-rounding": "of-rounding: unknown suite 'rounding': there are ",
+    "table of-rounding": "of-rounding: unknown suite 'rounding': did you mean ",
     f"compare run-{NEWER} --methods splat,blank": f"run-{NEWER}: of protocol {NEWER}, ",
     "table of-gray": "unknown truth 'gray': did you mean 'grey'? there are coloured, grey",
     # --- budgets
