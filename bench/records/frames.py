@@ -70,7 +70,8 @@ def job_frame(jobs: Sequence[NamedResult]) -> pd.DataFrame:
         np.add.at(sums, job[known], values[known])
         columns[f"{name}_sum"] = sums
         columns[f"{name}_count"] = np.bincount(job[known], minlength=len(jobs))
-    return pd.DataFrame(columns, copy=False)
+    texts = dict.fromkeys((*JOB, "reason", "notes"), object)
+    return pd.DataFrame(columns, copy=False).astype(texts)
 
 
 def _values(jobs: Sequence[NamedResult]) -> Floats:
