@@ -274,13 +274,15 @@ class Store:
         return True
 
     def listed(self, *obj: str) -> Iterator[JobRow]:
-        """Yield the jobs of the complete run, or of an object (class, name), in its order."""
+        """Yield the jobs of the complete run, or of an object (class, name), in its order.
+
+        Raises BadInput for a damaged list, and DamagedJob.
+        """
         self._refuse_damaged_list()
         where = "WHERE class = ? AND object = ?" if obj else ""
         rest = f"LEFT JOIN job USING (key) {where} ORDER BY place"
         for key, name, row in self._listed(_OF_JOB, rest, *obj):
-            is_missing = row[0] is None
-            yield JobRow(key, name, not is_missing and self._result((key, *row)).has_images)
+            yield JobRow(key, name, self._result((key, *row)).has_images)
 
     def environments(self) -> list[tuple[dict[str, str], int]]:
         """Return the environments of the complete run's jobs, each with its number of jobs.
