@@ -1,7 +1,7 @@
-"""The metrics of the benchmark, by the names that other people's scripts may rely on.
+"""The metrics of the benchmark for scripts of other people: these names stay as they are.
 
-Each is imported when it is asked for, because `bench list` needs none. `bench.metrics.inception`
-has the network that takes the features of a Fréchet distance.
+Each module is imported when its metric is first used, as `bench list` needs none of them.
+`bench.metrics.inception` has the network whose features the Fréchet distance compares.
 """
 
 from __future__ import annotations

@@ -35,16 +35,17 @@ from data_prep.scene import IMAGE_SIZE
 from learning.convolution import Convolution
 from learning.exact import exact_inference
 
-BATCH = 10  # images in one call: another number may move a value by rounding (1e-7)
+BATCH = 10  # images in one call of the network: another number may move a value by 1e-7
 _MOST_KEPT = 40  # images whose activations are kept for the next call, 8 MB each
-MEAN, DEVIATION = (0.485, 0.456, 0.406), (0.229, 0.224, 0.225)  # of ImageNet, red to blue
-C1 = C2 = 1e-6  # keep the quotients of empty channels finite
-TINY = 1e-12  # under the root of the pooling, as in the original
+# Of the photographs of ImageNet, 0..1: red, green, blue.
+MEAN, DEVIATION = (0.485, 0.456, 0.406), (0.229, 0.224, 0.225)
+C1 = C2 = 1e-6  # added to the denominators of both terms, which are 0 for a channel without values
+TINY = 1e-12  # added to the mean square before its root is taken, as in the original
 _TRUNK = TRUNKS["vgg"]
 
 
 class _Dists:
-    """VGG16 with L2 pooling and the weights of both terms, on one device, in one precision.
+    """The network VGG16 with L2 pooling, and the weights of both terms.
 
     Convolutions keep all digits of the precision on a GPU, too (`learning.exact`).
     """
@@ -52,7 +53,10 @@ class _Dists:
     def __init__(
         self, path: Path, trunk: Path, dtype: torch.dtype = torch.float32, device: str = "cpu"
     ) -> None:
-        """Read the weights of the terms and of the trunk, onto a device by PyTorch's name.
+        """Read the weights of the terms from `path`, those of VGG16 from `trunk`.
+
+        dtype   precision of the network
+        device  PyTorch's name of it
 
         Raises BadInput where a file is not the published one.
         """
@@ -129,18 +133,18 @@ class _Dists:
 
 
 def pooled(x: Tensor) -> Tensor:
-    """Return the root of the Hanning-weighted mean square about every second pixel."""
+    """Return L2 pooling: the root of the Hanning-weighted mean square about every second pixel."""
     return halved(x.square(), padding=1).add_(TINY).sqrt_()
 
 
 def dists(
     a: NDArray[np.uint8], b: NDArray[np.uint8], *, single: bool = False, device: str = "cpu"
 ) -> NDArray[np.float64]:
-    """Return DISTS [N] >= 0 of pairs of images uint8 [N, H, W, 3]; lower is better; symmetric.
+    """Return DISTS [N] of pairs of images uint8 [N, H, W, 3] with sides of 16 px or more.
 
-    0 for identical images; sides are from 16 px. `single` computes the activations in float32, as
-    `bench score` does: twice as fast, the same to 1e-5. `device` is PyTorch's name. Raises as
-    `bench.metrics.lpips`.
+    It is 0 for identical images and above 0 for others; lower is better, and it is symmetric.
+    `single` computes the activations in float32, as `bench score` does: twice as fast, and equal to
+    1e-5. `device` is PyTorch's name of it. Raises as `bench.metrics.lpips`.
     """
     if a.shape != b.shape:
         raise ValueError(f"stacks of images must have the same shape, got {a.shape} and {b.shape}")

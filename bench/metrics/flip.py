@@ -1,9 +1,11 @@
-"""LDR-FLIP, the difference that a viewer sees who flips between two images, by its own package.
+"""LDR-FLIP: how much a viewer notices who flips back and forth between two images.
+
+It is computed by the package of its authors.
 
 Source: Andersson, Nilsson, Akenine-Moeller, Oskarsson, Astroem and Fairchild, "FLIP: a difference
-evaluator for alternating images", HPG 2020; package `flip-evaluator` 1.7 of its authors, which is a
-native module of 1 MB and needs NumPy alone. Images are sRGB, and the viewer has the package's
-default of 67 pixels per degree (a screen of 0.7 m and 3,840 pixels at 0.7 m).
+evaluator for alternating images", HPG 2020; package `flip-evaluator` 1.7, a native module of 1 MB
+that needs NumPy alone. Images are sRGB, and the viewer sees the package's default of 67 pixels per
+degree: a screen 0.7 m wide with 3,840 pixels across, from 0.7 m away.
 
 The package is optional: without it, or with another version, the metric is skipped.
 """
@@ -46,18 +48,18 @@ def flip_module(
 def flip(truth: NDArray[np.uint8], images: NDArray[np.uint8]) -> Floats:
     """Return the mean FLIP error [N], 0..1, of sRGB images against true ones, uint8 [N, H, W, 3].
 
-    Lower is better; 0 for identical images, symmetric. Errors are in float32; a value does not
-    depend on the other images. Raises as `bench.metrics.structural_similarity.ssim` and
-    `flip_module`.
+    Lower is better; 0 for identical images, and symmetric. The errors of pixels are in float32. A
+    value does not depend on the other images of the stack. Raises ValueError for other arrays, and
+    WeightsUnavailable as `flip_module`.
     """
     require_images(truth, images)
     if truth.shape[-1] != 3:
         raise ValueError(f"images must be [N, H, W, 3], got {list(truth.shape)}")
     evaluate = flip_module().evaluate
     values = np.empty(len(truth))
-    for i, pair in enumerate(zip(truth, images, strict=True)):
+    for number, pair in enumerate(zip(truth, images, strict=True)):
         reference, test = (image.astype(np.float32) / np.float32(255) for image in pair)
-        options = {"applyMagma": False, "computeMeanError": False}
-        errors, _, _ = evaluate(reference, test, "LDR", **options)
-        values[i] = errors.mean(dtype=np.float64)  # its own, a sum in float32, is off by 1e-4
+        errors, _, _ = evaluate(reference, test, "LDR", applyMagma=False, computeMeanError=False)
+        # The package's own mean is off by 1e-4, as it adds up in float32.
+        values[number] = errors.mean(dtype=np.float64)
     return values

@@ -33,15 +33,23 @@ from data_prep.scene import IMAGE_SIZE
 from learning.convolution import Convolution
 from learning.exact import exact_inference
 
-BATCH = 10  # images in one call: another number may move a value by rounding (1e-7)
-# Of red, green and blue; in the original they are float32, which shows in the eighth digit.
+BATCH = 10  # images in one call of the network: another number may move a value by 1e-7
+# Subtracted from red, green and blue, and what they are then divided by. They are float32 as in the
+# original: in float64 the eighth digit of a distance differs.
 _SHIFT = np.array([-0.030, -0.088, -0.188], np.float32)
 SCALE = np.array([0.458, 0.448, 0.450], np.float32)
-TINY = 1e-10  # added to lengths, as in the original
+TINY = 1e-10  # added to the lengths of activations before the division by them, as in the original
 
 
 class _Conv(NamedTuple):
-    """A convolution with ReLU; `pooled` and `seen` say if pooling precedes and if it counts."""
+    """A convolution with ReLU.
+
+    kernel   side of the window
+    stride   pixels from one window to the next
+    padding  pixels of 0 around the image
+    pooled   whether a maximum over windows (pooling) precedes
+    seen     whether its activations are compared
+    """
 
     kernel: int
     stride: int
@@ -51,10 +59,14 @@ class _Conv(NamedTuple):
 
 
 class _Trunk(NamedTuple):
-    """The table of a network; pool: (window, stride) of the maximum; least: side of an image.
+    """The layers of a network before the heads, as a table.
 
-    Where it is `blurred` a blur halves what the maxima leave, and the first convolution before its
-    ReLU.
+    name     of the network in the file of weights
+    layers   its convolutions, the first one first
+    pool     window and stride of the maximum (pooling), in pixels
+    least    smallest side of an image, in pixels
+    blurred  whether a blur takes the steps of 2: after each pooling, and between the first
+             convolution and its ReLU
     """
 
     name: str
@@ -64,40 +76,50 @@ class _Trunk(NamedTuple):
     blurred: bool = False
 
     def pooled(self, x: Tensor) -> Tensor:
-        """Return what the layer after a maximum sees of [N, c, h, w]."""
+        """Return the maxima over windows of activations [N, c, h, w], blurred where it is."""
         x = functional.max_pool2d(x, *self.pool)
         return _blurred(x) if self.blurred else x
 
 
 def _vgg(*, pooled: bool = False, seen: bool = False) -> _Conv:
-    return _Conv(3, 1, 1, pooled, seen)
+    """Return a convolution of VGG16."""
+    return _Conv(kernel=3, stride=1, padding=1, pooled=pooled, seen=seen)
 
 
 def _alex(stride: int) -> tuple[_Conv, ...]:
+    """Return the convolutions of AlexNet, the first with this stride."""
     return (
-        _Conv(11, stride, 2, pooled=False, seen=True),
-        _Conv(5, 1, 2, pooled=True, seen=True),
-        _Conv(3, 1, 1, pooled=True, seen=True),
-        _Conv(3, 1, 1, pooled=False, seen=True),
-        _Conv(3, 1, 1, pooled=False, seen=True),
+        _Conv(kernel=11, stride=stride, padding=2, pooled=False, seen=True),
+        _Conv(kernel=5, stride=1, padding=2, pooled=True, seen=True),
+        _Conv(kernel=3, stride=1, padding=1, pooled=True, seen=True),
+        _Conv(kernel=3, stride=1, padding=1, pooled=False, seen=True),
+        _Conv(kernel=3, stride=1, padding=1, pooled=False, seen=True),
     )
 
 
 TRUNKS: dict[Net, _Trunk] = {
-    "alex": _Trunk("AlexNet_0", _alex(4), pool=(3, 2), least=31),
+    "alex": _Trunk("AlexNet_0", _alex(stride=4), pool=(3, 2), least=31),
     "vgg": _Trunk(
         "VGG16_0",
         (
-            *(_vgg(), _vgg(seen=True)),
-            *(_vgg(pooled=True), _vgg(seen=True)),
-            *(_vgg(pooled=True), _vgg(), _vgg(seen=True)),
-            *(_vgg(pooled=True), _vgg(), _vgg(seen=True)),
-            *(_vgg(pooled=True), _vgg(), _vgg(seen=True)),
+            _vgg(),
+            _vgg(seen=True),
+            _vgg(pooled=True),
+            _vgg(seen=True),
+            _vgg(pooled=True),
+            _vgg(),
+            _vgg(seen=True),
+            _vgg(pooled=True),
+            _vgg(),
+            _vgg(seen=True),
+            _vgg(pooled=True),
+            _vgg(),
+            _vgg(seen=True),
         ),
         pool=(2, 2),
         least=16,
     ),
-    "shift-tolerant": _Trunk("AlexNet_0", _alex(1), pool=(3, 1), least=21, blurred=True),
+    "shift-tolerant": _Trunk("AlexNet_0", _alex(stride=1), pool=(3, 1), least=21, blurred=True),
 }
 
 
@@ -105,8 +127,9 @@ TRUNKS: dict[Net, _Trunk] = {
 class _Activations:
     """The activations of the network for N images.
 
-    layers    activations [N, c, h, w] of five layers, each pixel's of length 1 (or 0)
-    features  [N, d], the last layer's mean over pixels before that
+    layers    activations [N, c, h, w] of five layers; those of each pixel are scaled to length 1,
+              or are 0
+    features  [N, d], the mean of the last layer over pixels, before it is scaled
     """
 
     layers: tuple[Tensor, ...]
@@ -114,7 +137,7 @@ class _Activations:
 
 
 class Lpips:
-    """A trunk with its heads, on one device, in one precision; kernels are for IMAGE_SIZE.
+    """A network with its heads; it is made for images of IMAGE_SIZE, and takes others, too.
 
     Convolutions keep all digits of the precision on a GPU, too (`learning.exact`).
     """
@@ -126,9 +149,12 @@ class Lpips:
         dtype: torch.dtype = torch.float32,
         device: str = "cpu",
     ) -> None:
-        """Read the heads and the trunk from a file, onto a device by PyTorch's name.
+        """Read the weights of the network and of its heads from a file.
 
-        Raises BadInput where it is not the published checkpoint of this trunk.
+        dtype   precision of the network
+        device  PyTorch's name of it
+
+        Raises BadInput where the file is not the published checkpoint of this network.
         """
         self.dtype, self.device = dtype, device
         self._trunk = trunk = TRUNKS[net]
@@ -167,8 +193,9 @@ class Lpips:
     def encode(self, images: NDArray[np.uint8]) -> _Activations:
         """Return the activations for images uint8 [N, H, W, 3], N > 0, computed in batches.
 
-        What it has seen in the last two stacks is kept: in a run the same true images are compared
-        with those of all methods, and the images of a method are asked for their features too.
+        The activations of the last two stacks of images are kept. In a run the same true images
+        are compared with those of one method after the other, and the features of a method's images
+        are asked for after their distances.
 
         Raises ValueError for another type or shape, and for sides below the trunk's least.
         """
@@ -206,6 +233,7 @@ class Lpips:
 
 
 def _blurred(x: Tensor) -> Tensor:
+    """Return the binomial blur of [N, c, h, w] at every second pixel, its border reflected."""
     return halved(functional.pad(x, (2, 2, 2, 2), mode="reflect"), padding=0)
 
 
@@ -232,11 +260,11 @@ def lpips(
         Images and their counterparts, with sides from 31 px ("alex"), 16 px ("vgg") or 21 px
         ("shift-tolerant").
     net : {"alex", "vgg", "shift-tolerant"}
-        The trunk; the last one's distance is ST-LPIPS.
+        The network; with "shift-tolerant" the distance is ST-LPIPS.
     single : bool
-        Compute in float32, as runs do: some five times as fast, the same to 1e-5.
+        Compute in float32, as runs do: some five times as fast, and equal to 1e-5.
     device : str
-        PyTorch's name of it.
+        PyTorch's name of the device that computes.
 
     Returns
     -------
@@ -246,7 +274,7 @@ def lpips(
     Raises
     ------
     ValueError
-        For another trunk, for arrays that are not uint8 or of another shape or differ in shape,
+        For another `net`, for arrays that are not uint8 or of another shape or differ in shape,
         and for too small images.
     WeightsUnavailable
         Where the package with the weights is not installed.
@@ -263,12 +291,14 @@ def lpips(
         require_images(images, TRUNKS[net].least)
     dtype = torch.float32 if single else torch.float64
     network = load_lpips(find_lpips_weights(net), net, dtype, device)
-    together = BATCH if net == "vgg" else 4 * BATCH  # so that `encode` knows the true ones again
-    parts = [
-        network.distance(*(network.encode(images[i : i + together]) for images in (a, b)))
-        for i in range(0, len(a), together)
-    ]
-    return np.concatenate([np.empty(0), *parts])
+    # Images in one call of `encode`, which keeps the activations of the last two stacks: those of
+    # VGG16 take the most memory.
+    together = BATCH if net == "vgg" else 4 * BATCH
+    parts = [np.empty(0)]
+    for start in range(0, len(a), together):
+        part = slice(start, start + together)
+        parts.append(network.distance(network.encode(a[part]), network.encode(b[part])))
+    return np.concatenate(parts)
 
 
 def require_images(images: NDArray[np.uint8], least: int) -> None:

@@ -22,8 +22,10 @@ from __future__ import annotations
 import numpy as np
 from numpy.typing import NDArray
 
-WHITE = 255
-MOST_ASKED = 75.0  # contrast of data_prep.files.meshes.NEUTRAL_GREY
+WHITE = 255  # level of every channel of the background
+# The most contrast to white that is asked for: that of the neutral grey of objects without colours
+# (data_prep.files.meshes.NEUTRAL_GREY).
+MOST_ASKED = 75.0
 
 Masks = NDArray[np.bool_]  # [N, H, W]
 
@@ -53,9 +55,9 @@ def contrast(images: NDArray[np.uint8]) -> NDArray[np.float32]:
 
 
 class Pairs:
-    """The silhouettes by contrast of true images and of images of them, uint8 [N, H, W, C] each.
+    """Pairs of a true image and a drawn one, uint8 [N, H, W, C] each, with their silhouettes.
 
-    shown  the pixels [N, H, W] that the true images show
+    shown  the pixels [N, H, W] that are not white in the true images
 
     Raises ValueError where an array is not uint8 or not [N, H, W, C], where the shapes differ, and
     where images have no pixels.
@@ -64,26 +66,27 @@ class Pairs:
     def __init__(self, truth: NDArray[np.uint8], images: NDArray[np.uint8]) -> None:
         _require_pairs(truth, images)
         self.shown = foreground(truth)
-        self._true, self._shown = contrast(truth), contrast(images)
+        self._true_contrast, self._drawn_contrast = contrast(truth), contrast(images)
 
     def drawn(self, usual: Masks) -> Masks:
-        """Return the pixels [N, H, W] where images draw something.
+        """Return the pixels [N, H, W] where the drawn images show something.
 
-        usual  [N, H, W], a part of `shown`; its median contrast is asked for where the true images
-               are white (the neutral grey's, where the part is empty)
+        usual  pixels [N, H, W], a part of `shown`: their median contrast is asked for where the
+               true image is white; where there are none, the contrast of the neutral grey
 
-        A true image draws all that it shows.
+        By this rule a true image draws all that it shows.
         """
-        asked = self._true.copy()
-        for values, shown, some in zip(asked, self.shown, usual, strict=True):
-            values[~shown] = np.median(values[some]) if some.any() else MOST_ASKED
-        return self._shown >= np.minimum(asked, MOST_ASKED) / 2
+        asked = self._true_contrast.copy()
+        for values, shown, part in zip(asked, self.shown, usual, strict=True):
+            values[~shown] = np.median(values[part]) if part.any() else MOST_ASKED
+        return self._drawn_contrast >= np.minimum(asked, MOST_ASKED) / 2
 
 
 def _require_pairs(truth: NDArray[np.uint8], images: NDArray[np.uint8]) -> None:
-    for some in (truth, images):
-        if some.dtype != np.uint8 or some.ndim != 4:
-            shape = f"{some.dtype} {list(some.shape)}"
+    """Raise ValueError as `Pairs`."""
+    for stack in (truth, images):
+        if stack.dtype != np.uint8 or stack.ndim != 4:
+            shape = f"{stack.dtype} {list(stack.shape)}"
             raise ValueError(f"images must be uint8 [N, H, W, C], got {shape}")
     if truth.shape != images.shape:
         raise ValueError(f"images {list(images.shape)} of truths {list(truth.shape)}")
@@ -92,11 +95,10 @@ def _require_pairs(truth: NDArray[np.uint8], images: NDArray[np.uint8]) -> None:
 
 
 def object_boxes(truth: NDArray[np.uint8]) -> NDArray[np.intp]:
-    """Return the box [N, (top, bottom, left, right)] of the foreground of each true image.
+    """Return the box (top, bottom, left, right) around the object in each true image, [N, 4].
 
-    In pixels, bottom and right exclusive; all 0 for a blank image.
-
-    Raises ValueError where the images are not uint8 or not [N, H, W, C].
+    In pixels; bottom and right are the first row and column beyond the object. All are 0 for a
+    blank image. Raises ValueError where the images are not uint8 or not [N, H, W, C].
     """
     shown = foreground(truth)
     if truth.ndim != 4:
@@ -112,7 +114,7 @@ def object_boxes(truth: NDArray[np.uint8]) -> NDArray[np.intp]:
 def _require_uint8(images: NDArray[np.uint8]) -> None:
     """Raise ValueError unless images are uint8.
 
-    On the scale 0..1 all is dark, and NaN is not: neither may pass for an image.
+    Images of floats in 0..1 would be taken as dark all over, and NaN as no foreground.
     """
     if images.dtype != np.uint8:
         shape = f"{images.dtype} {list(images.shape)}"
@@ -127,7 +129,7 @@ def overlap(a: Masks, b: Masks) -> NDArray[np.float64]:
 
 
 def large_groups(masks: Masks, least: int) -> Masks:
-    """Return the pixels of masks [N, H, W] that lie in connected groups of at least `least`."""
+    """Return the pixels of masks [N, H, W] in connected groups of at least `least` pixels."""
     from scipy.ndimage import label
 
     large = masks.copy()

@@ -27,18 +27,18 @@ from numpy.typing import NDArray
 
 from bench.metrics.silhouette import Masks, Pairs, foreground, large_groups
 
-_LEAST_GROUP = 8  # pixels
-_EVALUATED_WITHIN = 2  # pixels from a thin one
-_PRECISION_WITHIN = 4  # pixels from an evaluated one
-# The disc of diameter 4 as offsets (row, column) of its 12 pixels from its upper left corner.
-_DISC = tuple((y, x) for y in range(4) for x in range(4) if (y - 1.5) ** 2 + (x - 1.5) ** 2 <= 4)
+_LEAST_GROUP = 8  # thin pixels that have to be connected: the shortest stub, 2 x 4 px
+_EVALUATED_WITHIN = 2  # px: the silhouette so near to a thin pixel is evaluated
+_PRECISION_WITHIN = 4  # px: what is drawn so near to an evaluated pixel counts for the precision
+# The disc of diameter 4: the square of 4 px around it without its corners.
+_DISC = np.array([[0, 1, 1, 0], [1, 1, 1, 1], [1, 1, 1, 1], [0, 1, 1, 0]], np.bool_)
 
 
 class _ThinScores(NamedTuple):
-    """The scores, float64 [N] each, 0..1, 1 is best; NaN for a share of nothing.
+    """The scores, float64 [N] each, 0..1, 1 is best.
 
     recall     NaN for a true image without thin parts
-    precision  as recall, and where nothing is drawn beside a thin part
+    precision  NaN for a true image without thin parts, and where nothing is drawn near them
     """
 
     recall: NDArray[np.float64]
@@ -46,24 +46,24 @@ class _ThinScores(NamedTuple):
 
 
 def thin_scores(pairs: Pairs) -> _ThinScores:
-    """Return scores of images against the true ones."""
+    """Return how well the drawn images have the thin parts of the true ones."""
     part = _evaluated(pairs.shown)
     recall = np.full(len(part), np.nan)
     precision = np.full(len(part), np.nan)
-    thinned = np.flatnonzero(part.any(axis=(1, 2)))
+    with_thin_parts = np.flatnonzero(part.any(axis=(1, 2)))
     drawn = pairs.drawn(part)
-    near = _near(part[thinned], _PRECISION_WITHIN)
-    for i, beside in zip(thinned, drawn[thinned] & near, strict=True):
+    near = _near(part[with_thin_parts], _PRECISION_WITHIN)
+    for i, drawn_near in zip(with_thin_parts, drawn[with_thin_parts] & near, strict=True):
         recall[i] = drawn[i][part[i]].mean()
-        if beside.any():
-            precision[i] = pairs.shown[i][beside].mean()
+        if drawn_near.any():
+            precision[i] = pairs.shown[i][drawn_near].mean()
     return _ThinScores(recall, precision)
 
 
 def evaluated(truth: NDArray[np.uint8]) -> Masks:
-    """Return E of true images uint8 [N, H, W, 3]: silhouette within 2 px of a thin pixel.
+    """Return the pixels [N, H, W] that are evaluated in true images uint8 [N, H, W, 3].
 
-    The mask is [N, H, W].
+    They are the pixels of the silhouette within 2 px of a thin one.
     """
     return _evaluated(foreground(truth))
 
@@ -80,19 +80,20 @@ def thin(silhouettes: Masks) -> Masks:
 def _opened(masks: Masks) -> Masks:
     """Return the opening of masks [N, H, W] by the disc; beyond the frame is background."""
     flat, inner, width = _flattened(masks, 3)
-    offsets = [y * width + x for y, x in _DISC]
-    n = max(flat.size - max(offsets), 0)  # 0: there are no masks
-    fits = np.ones(n, np.bool_)  # by upper left corner
+    offsets = [y * width + x for y, x in np.argwhere(_DISC).tolist()]  # of its 12 pixels
+    corners = max(flat.size - max(offsets), 0)  # 0 where there are no masks
+    # Whether the disc fits into a mask, by the upper left corner of the square around it.
+    fits = np.ones(corners, np.bool_)
     for offset in offsets:
-        fits &= flat[offset : offset + n]
+        fits &= flat[offset : offset + corners]
     opened = np.zeros_like(flat)
     for offset in offsets:
-        opened[offset : offset + n] |= fits
+        opened[offset : offset + corners] |= fits
     return inner(opened)
 
 
 def _near(masks: Masks, radius: int) -> Masks:
-    """Return the pixels of [N, H, W] whose centres are within `radius` px of one in the mask."""
+    """Return the pixels [N, H, W] whose centres are within `radius` px of that of one in a mask."""
     flat, inner, width = _flattened(masks, radius)
     near = np.zeros_like(flat)
     margin = radius * width + radius
@@ -106,10 +107,11 @@ def _near(masks: Masks, radius: int) -> Masks:
 
 
 def _flattened(masks: Masks, margin: int) -> tuple[Masks, Callable[[Masks], Masks], int]:
-    """Return masks with a margin of background as one long row, the way back, and its pitch.
+    """Return masks, each with a margin of background, as one long row, which NumPy is fast at.
 
-    A step of up to `margin` px in any direction is then one along the row, from any pixel: at the
-    end of a line it ends in a margin. Long rows are what NumPy is fast at.
+    The other two are the function that makes masks [N, H, W] of such a row, and the number of its
+    pixels in one line of a mask. A step of up to `margin` px in any direction is a step along the
+    row: from the end of a line it leads into a margin, not into the next line.
     """
     padded = np.pad(masks, ((0, 0), (margin, margin), (margin, margin)))
 
