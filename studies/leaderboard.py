@@ -29,7 +29,7 @@ from bench.catalogue.chosen import (
 )
 from bench.catalogue.conditions import condition_words
 from bench.report.board import (
-    HEADLINE,
+    HEADLINE_METRICS,
     BoardCell,
     BoardColumn,
     BoardGroup,
@@ -147,7 +147,7 @@ def _group(numbers: Path, group: ResultGroup) -> BoardGroup:
     lines = _read(numbers / f"{group.measurement}.csv")
     methods = dict.fromkeys(line["method"] for line in lines)
     columns = []
-    for metric in HEADLINE:
+    for metric in HEADLINE_METRICS:
         verdicts = _verdicts(numbers / differences_of(group.measurement), group, metric)
         cells = {}
         for method in methods:

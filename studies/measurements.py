@@ -30,7 +30,7 @@ from typing import Any, NamedTuple
 import pandas as pd
 
 from bench.analysis.paper import AVERAGE
-from bench.analysis.run_pairs import methods_of_run
+from bench.analysis.run_pairs import compare_methods
 from bench.analysis.scored_run import Run, read_run
 from bench.catalogue.chosen import BEST_CLASSICAL, COSTS
 from bench.catalogue.methods import find_method, role
@@ -193,7 +193,7 @@ def differences(directory: Path, methods: Iterable[str], metrics: Sequence[str] 
     """
     rows: list[dict[str, str]] = []
     for method in methods:
-        pair = methods_of_run(directory, (BEST_CLASSICAL, method), metrics)
+        pair = compare_methods(directory, (BEST_CLASSICAL, method), metrics)
         for row in _rows(differences_table(pair).to_csv()):
             rows.append({name: text for name, text in row.items() if name not in _RUN_COLUMNS})
     return _written(rows)

@@ -12,6 +12,7 @@ from typing import TYPE_CHECKING, Any, NamedTuple
 
 import numpy as np
 import pandas as pd
+from numpy.typing import NDArray
 
 from bench.analysis.digits import prints_better
 from bench.analysis.intervals import clipped, mean_interval, median_interval
@@ -22,23 +23,35 @@ from bench.records.record import TIMES
 from data_prep.arrays import Floats
 
 if TYPE_CHECKING:
+    from bench.analysis.distances import ImageSet
     from bench.analysis.scored_run import Run
 
 NAN = float("nan")
-Row = dict[Hashable, Any]  # of a comparison
-ALL = "all"  # classes
-OVERALL = "all conditions"
-CLOUD = ["condition", "class", "method"]
-VALUE = ["value", "ci_low", "ci_high"]
-COST = ["cost_ms", "cost_ci_low", "cost_ci_high"]
+Row = dict[Hashable, Any]  # a row of a comparison: its values by the names of the columns
+CloudSet = tuple[str, str]  # condition and class: the clouds that all methods are compared on
+ALL = "all"  # in the column `class`: the objects of all classes together
+OVERALL = "all conditions"  # in the column `condition`: each object's mean over conditions
+IMAGE_SET = ["condition", "class", "method"]  # columns that tell the images of a method apart
+VALUE = ["value", "ci_low", "ci_high"]  # columns of a value and of its 95 % interval
+COST = ["cost_ms", "cost_ci_low", "cost_ci_high"]  # milliseconds, with their 95 % interval
 COLUMNS = [
-    *("condition", "class", "metric", "method", "images_of", *VALUE, "samples"),
-    *("objects", *TIMES, "n_ok", "n", "claimed"),
+    "condition",
+    "class",
+    "metric",
+    "method",
+    "images_of",
+    *VALUE,
+    "samples",
+    "objects",
+    *TIMES,
+    "n_ok",
+    "n",
+    "claimed",
 ]
 
 
 class Estimate(NamedTuple):
-    """A value with its 95 % interval over objects; NaN for what does not exist."""
+    """A value with its 95 % interval over objects; NaN where there is no value or no interval."""
 
     value: float
     low: float
@@ -49,87 +62,128 @@ def compare(
     run: Run,
     metrics: Sequence[str],
     methods: Container[str] | None = None,
-    among: Mapping[tuple[str, str], Container[str]] | None = None,
+    among: Mapping[CloudSet, Container[str]] | None = None,
 ) -> pd.DataFrame:
-    """Return methods of a run on the same objects of each class under each condition.
+    """Compare methods of a run on the same objects of each class under each condition.
 
-    Objects without true images are left out, and so is a class that has no others.
+    Objects without true images are left out, and so is a class in which no object has any.
 
     Parameters
     ----------
     metrics : sequence of str
-        Metrics of images that the jobs have, and set metrics that features exist for.
+        Metrics of images that the jobs were scored by, and distances between sets of images whose
+        features the run has kept.
     methods : container of str, optional
-        Methods that are compared, by default all; `blank` is needed, but may be left out.
+        Methods that are compared, by default all. The run must have `blank`, which need not be
+        among them.
     among : mapping, optional
         Objects that take part, by condition and class; by default all.
 
     Returns
     -------
     DataFrame
-        A row for each condition, class, metric and method, in this order, each in that of the run:
+        A row for each condition, class, metric and method, sorted by these four columns, whose
+        values are in the order of the run:
 
-        * `condition`, `class`, `metric`, `method`, and `images_of`, the method whose images they
-          are, which may have fewer digits than the metric: another one of a chosen row
-        * `value` with `ci_low` and `ci_high`: the mean over objects, or the distance
-        * `samples`: float64 [G], each object's mean score, NaN where no image of it has one (an
-          object without thin parts has no thin-recall). Of a Fréchet distance, which no single
-          object has, the distance of all images without those of the object, or of each block of
-          objects where there are many (`bench.metrics.frechet.object_blocks`)
+        * `condition`, `class`, `metric` and `method`
+        * `images_of`: the method that drew the images. It differs from `method` only in a row that
+          chooses a method, such as `best-classical`, and decides how many digits are printed
+        * `value` with `ci_low` and `ci_high`: the mean over objects, or the distance between sets
+        * `samples`: float64 [G], what the interval is made from. By a metric of images it is the
+          mean score of each object, NaN where none of its images has a score (an object without
+          thin parts has no thin-recall). A Fréchet distance has no value for a single object: it
+          is the distance of all images but those of one object, or of one block of objects where
+          there are many (`bench.metrics.frechet.object_blocks`)
         * `objects`: names of the G objects that have true images, sorted
-        * `prepare_s`, `draw_s`: float64 [G], seconds for the cloud and for a view; where the method
-          failed those until then and 0, NaN where unknown
-        * `n_ok`, `n`: numbers of images that exist and that should
-        * `claimed`: whether its author states the times; nothing here has measured them
+        * `prepare_s`, `draw_s`: float64 [G], seconds to prepare the cloud and to draw a view. Where
+          the method failed, `prepare_s` is the time until then and `draw_s` is 0; NaN where the
+          time is unknown
+        * `n_ok`, `n`: numbers of images that exist, and that should exist
+        * `claimed`: whether the times are those that the method's author states, not measured here
     """
     claimed = run.manifest.get(ENTERED, ())
     rows = []
-    for cell, (every, known) in _known_objects(run, among).items():
-        objects = tuple(run.objects((FLOOR, *cell))[known].tolist())
+    for cloud_set, (every, known) in _known_objects(run, among).items():
         names = [method for method in every if methods is None or method in methods]
-        about = {
-            m: (
-                *(objects, *(run.per_object((m, *cell), name)[known] for name in TIMES)),
-                *(*run.images((m, *cell)), m in claimed),
-            )
-            for m in names
-        }
+        about = {method: _about_images(run, method, cloud_set, known, claimed) for method in names}
         for metric in metrics:
             if is_mean(metric):
-                of_objects = (run.per_object((m, *cell), metric, True)[known] for m in names)
-                values = [(*mean_estimate(metric, samples), samples) for samples in of_objects]
+                values = [
+                    _mean_of_objects(run, metric, (method, *cloud_set), known) for method in names
+                ]
             else:
-                values = _distances(run, metric, cell, names, objects)
-            rows += [
-                (*cell, metric, m, m, *value, *about[m])
-                for m, value in zip(names, values, strict=True)
-            ]
+                objects = run.objects((FLOOR, *cloud_set))[known].tolist()
+                values = _distances(run, metric, cloud_set, names, objects)
+            for method, value in zip(names, values, strict=True):
+                key = {"metric": metric, "method": method, "images_of": method}
+                rows.append(key | value | about[method])
     return pd.DataFrame(rows, columns=COLUMNS)
 
 
-def known_objects(run: Run) -> dict[tuple[str, str], set[str]]:
+def _about_images(
+    run: Run, method: str, cloud_set: CloudSet, known: NDArray[np.bool_], claimed: Container[str]
+) -> dict[str, Any]:
+    """Return the columns that a method has alike by every metric: objects, times, numbers."""
+    condition, class_name = cloud_set
+    image_set = (method, condition, class_name)
+    drawn, planned = run.images(image_set)
+    times = {name: run.per_object(image_set, name)[known] for name in TIMES}
+    return {
+        "condition": condition,
+        "class": class_name,
+        "objects": tuple(run.objects((FLOOR, *cloud_set))[known].tolist()),
+        **times,
+        "n_ok": drawn,
+        "n": planned,
+        "claimed": method in claimed,
+    }
+
+
+def known_objects(run: Run) -> dict[CloudSet, set[str]]:
     """Return the names of the objects with true images by condition and class."""
     known = _known_objects(run, None)
-    return {cell: {*run.objects((FLOOR, *cell))[mask]} for cell, (_, mask) in known.items()}
+    return {
+        cloud_set: {*run.objects((FLOOR, *cloud_set))[mask]}
+        for cloud_set, (_, mask) in known.items()
+    }
 
 
 def _known_objects(
-    run: Run, among: Mapping[tuple[str, str], Container[str]] | None
-) -> dict[tuple[str, str], tuple[list[str], Any]]:
-    """Return by condition and class the methods, and a mask of the objects that take part."""
-    by_cell: dict[tuple[str, str], list[str]] = {}
-    for method, condition, class_name in run.cells:
-        by_cell.setdefault((condition, class_name), []).append(method)
+    run: Run, among: Mapping[CloudSet, Container[str]] | None
+) -> dict[CloudSet, tuple[list[str], NDArray[np.bool_]]]:
+    """Return by condition and class the methods, and a mask of the objects that take part.
+
+    `blank` fails only where true images have failed: it has images of the objects that have them.
+    """
+    methods_of: dict[CloudSet, list[str]] = {}
+    for method, condition, class_name in run.image_sets:
+        methods_of.setdefault((condition, class_name), []).append(method)
     known = {}
-    for cell, every in by_cell.items():
-        if FLOOR in every:
-            mask = run.numbers((FLOOR, *cell))[0] > 0
-            if among is not None:
-                names = run.objects((FLOOR, *cell))
-                mask &= np.array([name in among.get(cell, ()) for name in names], bool)
-            if mask.any():
-                known[cell] = every, mask
+    for cloud_set, methods in methods_of.items():
+        if FLOOR not in methods:
+            continue
+        of_blank = (FLOOR, *cloud_set)
+        drawn, _ = run.numbers(of_blank)
+        mask = drawn > 0
+        if among is not None:
+            chosen = among.get(cloud_set, ())
+            mask &= np.array([name in chosen for name in run.objects(of_blank)], bool)
+        if mask.any():
+            known[cloud_set] = methods, mask
     return known
+
+
+def _mean_of_objects(
+    run: Run, metric: str, image_set: ImageSet, known: NDArray[np.bool_]
+) -> dict[str, Any]:
+    """Return the mean over objects by a metric of images, a failed image scored as a blank one."""
+    samples = run.per_object(image_set, metric, blanks=True)[known]
+    return _value_columns(mean_estimate(metric, samples), samples)
+
+
+def _value_columns(estimate: Estimate, samples: Floats) -> dict[str, Any]:
+    """Return a value with its interval, and what the interval is made from, by column."""
+    return dict(zip(VALUE, estimate, strict=True)) | {"samples": samples}
 
 
 def mean_estimate(metric: str, samples: Floats) -> Estimate:
@@ -142,42 +196,50 @@ def mean_estimate(metric: str, samples: Floats) -> Estimate:
 def _distances(
     run: Run,
     metric: str,
-    cell: tuple[str, str],
+    cloud_set: CloudSet,
     methods: Sequence[str],
     objects: Sequence[str],
-) -> list[tuple[float, float, float, Floats]]:
-    """Return the Fréchet distances to the true images, with those without each block."""
+) -> list[dict[str, Any]]:
+    """Return each method's Fréchet distance to the true images, with its leave-one-out values."""
     features, known = run.features[metric], set(objects)
-    images = [image for image in features.images(FLOOR, *cell) if image[0] in known]
+    images = [image for image in features.images(FLOOR, *cloud_set) if image[0] in known]
     if len(images) < 2:
-        return [(NAN, NAN, NAN, np.full(len(objects), NAN))] * len(methods)
-    distances = (features.distance((method, *cell), images) for method in methods)
-    return [(d.value, *d.interval, d.leave_one_out) for d in distances]
+        nothing = _value_columns(Estimate(NAN, NAN, NAN), np.full(len(objects), NAN))
+        return [nothing for _ in methods]
+    values = []
+    for method in methods:
+        distance = features.distance((method, *cloud_set), images)
+        low, high = distance.interval
+        estimate = Estimate(distance.value, low, high)
+        values.append(_value_columns(estimate, distance.leave_one_out))
+    return values
 
 
 def pooled(compared: pd.DataFrame) -> pd.DataFrame:
-    """Return for each condition of several classes one comparison of all their objects, `ALL`.
+    """Return the comparison of all objects together, whatever their class, at each condition.
 
-    By metrics of images: every object counts alike, whatever its class. Without rows for one class.
+    It has the metrics of images alone, and `ALL` in the column `class`: every object counts alike.
+    A comparison of a single class gives no rows.
     """
     if compared["class"].nunique() < 2:
         return compared[:0]
 
     def join(classes: pd.DataFrame) -> dict[str, Any]:
-        names = zip(classes["class"], classes["objects"], strict=True)
-        objects = tuple(
-            f"{class_name}/{name}" for class_name, in_class in names for name in in_class
-        )
+        objects: list[str] = []
+        for class_name, names in zip(classes["class"], classes["objects"], strict=True):
+            objects += [f"{class_name}/{name}" for name in names]
         arrays = {name: np.concatenate([*classes[name]]) for name in ("samples", *TIMES)}
-        return {"class": ALL, "objects": objects, **arrays}
+        return {"class": ALL, "objects": tuple(objects), **arrays}
 
     return _joined(compared, ["condition", "metric", "method"], join)
 
 
 def over_conditions(compared: pd.DataFrame) -> pd.DataFrame:
-    """Return the comparison by each object's mean over conditions, on objects that all have.
+    """Return the comparison by each object's mean over conditions, of the objects that all have.
 
-    Costs are those of the first condition. Image metrics only, and of one class.
+    compared  a comparison of one class; only its metrics of images are taken
+
+    Times are those at the first condition.
     """
     shared = sorted(set.intersection(*map(set, compared["objects"])))
     conditions = compared["condition"].nunique()
@@ -186,8 +248,7 @@ def over_conditions(compared: pd.DataFrame) -> pd.DataFrame:
         at = [pd.Index(names).get_indexer(pd.Index(shared)) for names in rows["objects"]]
         stacked = [values[i] for values, i in zip(rows["samples"], at, strict=True)]
         times = {name: rows[name].iloc[0][at[0]] for name in TIMES}
-        # NaN where any condition has no value.
-        samples = np.array(stacked).mean(axis=0)
+        samples = np.array(stacked).mean(axis=0)  # NaN where any condition has no value
         return {"condition": OVERALL, "objects": tuple(shared), "samples": samples, **times}
 
     everywhere = compared.groupby(["metric", "method"])["condition"].transform("nunique")
@@ -197,31 +258,41 @@ def over_conditions(compared: pd.DataFrame) -> pd.DataFrame:
 def _joined(
     compared: pd.DataFrame, by: list[str], join: Callable[[pd.DataFrame], dict[str, Any]]
 ) -> pd.DataFrame:
-    """Return a row of each group of rows of image metrics, with the mean of its joined samples."""
+    """Return one row for each group of rows, with the value of its joined samples.
+
+    compared  its metrics of images are taken, its distances left out
+    by        columns whose values make a group
+    join      returns the columns that are not as in the group's first row, with `samples`
+    """
     rows = []
     for _, group in compared[compared["metric"].map(is_mean)].groupby(by, sort=False):
         row = group.iloc[0].to_dict() | join(group)
-        row |= zip(VALUE, mean_estimate(row["metric"], row["samples"]), strict=True)
+        estimate = mean_estimate(row["metric"], row["samples"])
+        row |= _value_columns(estimate, row["samples"])
         rows.append(row | {"n_ok": group["n_ok"].sum(), "n": group["n"].sum()})
     return pd.DataFrame(rows, columns=COLUMNS)
 
 
 def with_costs(compared: pd.DataFrame, views: int) -> pd.DataFrame:
-    """Return the rows with `views` and the milliseconds for a cloud with these views.
+    """Return the rows with `views`, and the cost of a cloud of which so many views are drawn.
 
-    `cost_ms` with `cost_ci_low` and `cost_ci_high` is the median over objects. A cloud that failed
-    counts with the time that it took. NaN for a method without an image.
+    `cost_ms` with `cost_ci_low` and `cost_ci_high` is the median over objects, in milliseconds. A
+    cloud that failed counts with the time that it took. NaN for a method without an image.
     """
-    clouds = compared.drop_duplicates(CLOUD).reset_index(drop=True)
-    costs = [
-        _cost(1000.0 * (prepare_s + views * draw_s) if n_ok else np.array([NAN]))
-        for prepare_s, draw_s, n_ok in zip(*(clouds[c] for c in (*TIMES, "n_ok")), strict=True)
-    ]
-    costed = clouds[CLOUD].join(pd.DataFrame(costs, columns=COST))
-    return compared.merge(costed, how="left", on=CLOUD).assign(views=views)
+    image_sets = compared.drop_duplicates(IMAGE_SET).reset_index(drop=True)
+    costs = []
+    for row in image_sets.to_dict("records"):
+        prepare_s, draw_s = (row[name] for name in TIMES)
+        if row["n_ok"]:
+            costs.append(_median_cost(1000.0 * (prepare_s + views * draw_s)))
+        else:
+            costs.append(Estimate(NAN, NAN, NAN))
+    costed = image_sets[IMAGE_SET].join(pd.DataFrame(costs, columns=COST))
+    return compared.merge(costed, how="left", on=IMAGE_SET).assign(views=views)
 
 
-def _cost(cost_ms: Floats) -> Estimate:
+def _median_cost(cost_ms: Floats) -> Estimate:
+    """Return the median of the costs of objects [G], of those that are known, with its interval."""
     known = np.isfinite(cost_ms)
     if not known.any():
         return Estimate(NAN, NAN, NAN)
@@ -230,36 +301,47 @@ def _cost(cost_ms: Floats) -> Estimate:
 
 
 def is_better(a: Mapping[Any, Any], b: Mapping[Any, Any]) -> bool:
-    """Return whether a row is better than another in the digits that both are printed with."""
+    """Return whether row `a` is better than row `b` in the digits that both are printed with."""
     return prints_better(a["metric"], a["value"], b["value"], a["images_of"], b["images_of"])
 
 
 def best_first(rows: pd.DataFrame) -> pd.DataFrame:
-    """Return the rows of a metric that have a value, with `before`: how many print better."""
+    """Return the rows of one metric that have a value, the best first.
+
+    Their column `before` is the number of rows that are better in the digits that are printed.
+    """
     known = rows[np.isfinite(rows["value"])]
     every = known.to_dict("records")
-    before = [sum(is_better(other, row) for other in every) for row in every]
+
+    def better_ones(row: Row) -> int:
+        return sum(is_better(other, row) for other in every)
+
+    before = [better_ones(row) for row in every]
     return known.assign(before=before).sort_values("before", kind="stable")
 
 
 def candidates(methods: Iterable[str]) -> list[str]:
-    """Return the methods to choose from: they see no mesh, and do not draw without a cloud."""
+    """Return the methods that a user can choose: all but those that see the mesh or no cloud."""
     return [method for method in methods if role(method) not in ("ceiling", "floor")]
 
 
 def worse_than_blank(rows: pd.DataFrame) -> set[str]:
     """Return the methods whose value, as printed, is worse than that of a white image.
 
-    The rows are those of a metric in one class under one condition.
+    The rows are those of one metric, of one class under one condition. None is worse where they
+    have no `blank`.
     """
-    every = {row["method"]: row for row in rows.to_dict("records")}
-    blank = every.get(FLOOR)
-    return set() if blank is None else {m for m, row in every.items() if is_better(blank, row)}
+    by_method = {row["method"]: row for row in rows.to_dict("records")}
+    blank = by_method.get(FLOOR)
+    if blank is None:
+        return set()
+    return {method for method, row in by_method.items() if is_better(blank, row)}
 
 
 def milliseconds(value: float) -> str:
     """Return milliseconds with about three digits: 0.42, 7.3, 61.4, 1240."""
     if not math.isfinite(value):
         return "-"
-    digits = 2 if value < 1 else 1 if value < 100 else 0
-    return f"{value:.{digits}f}"
+    if value < 1:
+        return f"{value:.2f}"
+    return f"{value:.1f}" if value < 100 else f"{value:.0f}"

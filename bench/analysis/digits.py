@@ -20,17 +20,23 @@ DECIMALS_FILE = Path(__file__).resolve().parents[2] / "results" / "decimals.csv"
 
 
 def decimals(metric: str, *methods: str) -> int:
-    """Return the digits after the point that a value of a metric is printed with.
+    """Return how many digits after the point a value of these methods is printed with.
 
-    Of a method it may have fewer; a difference of methods has those of the coarser value.
+    They are the digits of the metric, or fewer where `results/decimals.csv` says so of a method; a
+    difference of two methods has the fewer digits of the two.
     """
     every = metric_facts(metric).decimals
-    return min([every, *(_kept().get((family_of(method), metric), every) for method in methods)])
+    of_methods = [_kept().get((family_of(method), metric), every) for method in methods]
+    return min([every, *of_methods])
 
 
 def prints_better(metric: str, value: float, other: float, *methods: str) -> bool:
-    """Return whether a value is better than another of these methods, in the digits of both."""
-    # Also of others: the same images drawn in another order of sums differ by 1e-6.
+    """Return whether a value is better than another in the digits that both are printed with.
+
+    methods  the methods that the two values are of
+    """
+    # Also where no method has fewer digits: values of the same images differ by 1e-6 where sums
+    # were taken in another order.
     digits = decimals(metric, *methods)
     gain = round(value, digits) - round(other, digits)
     return gain > 0 if higher_is_better(metric) else gain < 0
@@ -43,6 +49,7 @@ def is_coarse(metric: str, *methods: str) -> bool:
 
 @cache
 def _kept() -> Mapping[tuple[str, str], int]:
-    """Return the decimals that methods keep, where these are fewer than the metric has."""
+    """Return by method and metric the decimals that are kept, where the metric has more."""
     with DECIMALS_FILE.open(encoding="utf-8", newline="") as file:
-        return {(r["method"], r["metric"]): int(r["decimals"]) for r in csv.DictReader(file)}
+        rows = list(csv.DictReader(file))
+    return {(row["method"], row["metric"]): int(row["decimals"]) for row in rows}

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from bisect import bisect_left, bisect_right
-from collections.abc import Callable, Mapping, Sequence
+from collections.abc import Callable, Sequence
 from typing import Any, NamedTuple
 
 import numpy as np
@@ -25,12 +25,17 @@ from bench.records.frames import Features, ImageKey
 from bench.records.record import GROUND_TRUTH
 from data_prep.arrays import Floats
 
-CellKey = tuple[str, str, str]  # method, condition, class
-ROWS = 4096  # features of many objects that are in memory at a time
+# Method, condition and class: the images of a method that one value is computed from.
+ImageSet = tuple[str, str, str]
+FEATURES_AT_ONCE = 4096  # images whose features are in memory at a time, where there are many
 
 
 class Distance(NamedTuple):
-    """A distance, those without each block of objects [g], and whether it is a kernel distance."""
+    """A distance between two sets of images, with its leave-one-out values.
+
+    leave_one_out  the distances [g] of all images but those of one block of objects
+    kernel         whether it is a kernel distance, else a Fréchet distance
+    """
 
     value: float
     leave_one_out: Floats
@@ -44,9 +49,10 @@ class Distance(NamedTuple):
 
     @property
     def debiased(self) -> float:
-        """Return the distance of infinitely many objects, by the jackknife (Quenouille 1956).
+        """Return the distance without the bias of few objects, by the jackknife (Quenouille 1956).
 
-        Extrapolated in 1 / g. NaN without an interval, and for a kernel's, which has no bias.
+        It is extrapolated in 1 / g to infinitely many blocks. NaN where the distance has no
+        interval, and for a kernel distance, which has no bias.
         """
         if self.kernel or jackknife_error([self.leave_one_out]) is None:
             return float("nan")
@@ -58,25 +64,28 @@ class FeatureDistances:
     """The features of one extractor, as `bench.records.frames.Features`, with their distances.
 
     Tables, comparisons, the frontier and the report need the same distances, so each is computed
-    once and kept. Features are read again: all of a run's would fill the memory.
+    once and kept. Features are not kept, but read again: those of a whole run would fill the
+    memory.
     """
 
     def __init__(self, features: Features) -> None:
         self._features = features
-        self._images: dict[CellKey, tuple[ImageKey, ...]] = {}
-        self._sets: dict[tuple[ImageKey, ...], tuple[ImageKey, ...]] = {}  # alike in most cells
-        self._distances: dict[tuple[CellKey, tuple[ImageKey, ...], bool], Distance] = {}
+        self._images: dict[ImageSet, tuple[ImageKey, ...]] = {}
+        # Most methods have images of the same objects and views: equal tuples are kept once.
+        self._shared: dict[tuple[ImageKey, ...], tuple[ImageKey, ...]] = {}
+        self._distances: dict[tuple[ImageSet, tuple[ImageKey, ...], bool], Distance] = {}
+        # By summary function, the class and images of the last true images, and their summary.
         self._truths: dict[Any, tuple[object, Any]] = {}
 
     def images(self, method: str, condition: str, class_name: str) -> list[ImageKey]:
-        """Return the images of a cell, sorted; none for a cell that the run does not have."""
+        """Return the images that have features, sorted; none for a set that the run lacks."""
         return list(self._known((method, condition, class_name)))
 
-    def _known(self, cell: CellKey) -> tuple[ImageKey, ...]:
-        if cell not in self._images:
-            keys = tuple(self._features.images(*cell))
-            self._images[cell] = self._sets.setdefault(keys, keys)
-        return self._images[cell]
+    def _known(self, image_set: ImageSet) -> tuple[ImageKey, ...]:
+        if image_set not in self._images:
+            keys = tuple(self._features.images(*image_set))
+            self._images[image_set] = self._shared.setdefault(keys, keys)
+        return self._images[image_set]
 
     def of(
         self, method: str, condition: str, class_name: str, images: Sequence[ImageKey]
@@ -84,71 +93,86 @@ class FeatureDistances:
         """Return the features of `images`, [n, d]. Raises KeyError for an unknown image."""
         return self._features.of(method, condition, class_name, images)
 
-    def distance(self, cell: CellKey, images: Sequence[ImageKey], kernel: bool = False) -> Distance:
-        """Return the distance between at least two images of a cell and the true ones.
+    def distance(
+        self, image_set: ImageSet, images: Sequence[ImageKey], kernel: bool = False
+    ) -> Distance:
+        """Return the distance between at least two images of a method and the true ones.
 
-        It is Fréchet's or, where `kernel`, that by kernels, for which all features of these images
-        and of the true ones are in memory. Images that the method has not drawn are replaced by the
-        blank ones. Raises KeyError for an image that neither has.
+        It is Fréchet's or, with `kernel`, the kernel distance, for which the features of all these
+        images and of the true ones are in memory. An image that the method has not drawn is
+        replaced by the blank one. Raises KeyError for an image that neither has.
         """
-        method, _, class_name = cell
+        method, _, class_name = image_set
         shown = tuple(images)
-        shown = self._sets.setdefault(shown, shown)
+        shown = self._shared.setdefault(shown, shown)
         known = known_method(method)
-        sees_cloud = known is None or known.sees_cloud  # else all conditions have the same images
-        key = cell if sees_cloud else (method, "", class_name), shown, kernel
+        sees_cloud = known is None or known.sees_cloud
+        # A method that sees no cloud has the same images under all conditions.
+        drawn_by = image_set if sees_cloud else (method, "", class_name)
+        key = drawn_by, shown, kernel
         if key not in self._distances:
-            few = len({obj for obj, _ in shown}) <= EXACT_OBJECTS
-            summary = _kernels if kernel else _moments if few else _grouped
-            # Only the last of a kind is kept: the cells of a class follow each other.
-            if self._truths.get(summary, (None,))[0] != (class_name, shown):
-                truth = summary(self, (GROUND_TRUTH, "", class_name), shown)
-                self._truths[summary] = (class_name, shown), truth
-            drawn = summary(self, cell, shown)
-            between = _BETWEEN[summary](drawn, self._truths[summary][1])
-            self._distances[key] = Distance(*between, kernel)
+            between, summary = _distance_functions(kernel, len({obj for obj, _ in shown}))
+            truth = self._summary_of_truth(summary, class_name, shown)
+            value, leave_one_out = between(summary(self, image_set, shown), truth)
+            self._distances[key] = Distance(value, leave_one_out, kernel)
         return self._distances[key]
 
-    def filled(self, cell: CellKey, images: Sequence[ImageKey]) -> NDArray[Any]:
-        """Return features [n, d] of images of a cell, with a blank image for each that it lacks."""
-        known = self._known(cell)
+    def _summary_of_truth(
+        self,
+        summary: Callable[[FeatureDistances, ImageSet, Sequence[ImageKey]], Any],
+        class_name: str,
+        shown: tuple[ImageKey, ...],
+    ) -> Any:
+        """Return the summary of true images; the last of each kind is kept for the next method."""
+        known, truth = self._truths.get(summary, (None, None))
+        if known != (class_name, shown):
+            truth = summary(self, (GROUND_TRUTH, "", class_name), shown)
+            self._truths[summary] = (class_name, shown), truth
+        return truth
+
+    def filled(self, image_set: ImageSet, images: Sequence[ImageKey]) -> NDArray[Any]:
+        """Return features [n, d] of images, with a blank image for each that was not drawn."""
+        known = self._known(image_set)
         drawn = set(known[bisect_left(known, min(images)) : bisect_right(known, max(images))])
         is_drawn = np.array([image in drawn for image in images])
         if is_drawn.all():
-            return self._features.of(*cell, images)
+            return self._features.of(*image_set, images)
         missing = [image for image in images if image not in drawn]
-        blank = self._features.of(FLOOR, *cell[1:], missing)
+        blank = self._features.of(FLOOR, *image_set[1:], missing)
         values = np.empty((len(images), blank.shape[1]), blank.dtype)
         values[~is_drawn] = blank
         if is_drawn.any():
-            values[is_drawn] = self._features.of(*cell, [i for i in images if i in drawn])
+            existing = [image for image in images if image in drawn]
+            values[is_drawn] = self._features.of(*image_set, existing)
         return values
 
 
 def _moments(
-    features: FeatureDistances, cell: CellKey, shown: Sequence[ImageKey]
+    features: FeatureDistances, image_set: ImageSet, shown: Sequence[ImageKey]
 ) -> JackknifeMoments:
-    return JackknifeMoments(features.filled(cell, shown), np.array([obj for obj, _ in shown]))
+    return JackknifeMoments(features.filled(image_set, shown), np.array([obj for obj, _ in shown]))
 
 
 def _grouped(
-    features: FeatureDistances, cell: CellKey, shown: Sequence[ImageKey]
+    features: FeatureDistances, image_set: ImageSet, shown: Sequence[ImageKey]
 ) -> GroupedMoments:
-    """Return the moments of many objects, of whose features ROWS are in memory at a time."""
+    """Return the moments of many objects, whose features are read in parts."""
     member, count = _blocks(shown)
     moments = GroupedMoments(count)
-    for start in range(0, len(shown), ROWS):
-        part = slice(start, start + ROWS)
-        moments.add(features.filled(cell, shown[part]), member[part])
+    for start in range(0, len(shown), FEATURES_AT_ONCE):
+        part = slice(start, start + FEATURES_AT_ONCE)
+        moments.add(features.filled(image_set, shown[part]), member[part])
     return moments
 
 
-def _kernels(features: FeatureDistances, cell: CellKey, shown: Sequence[ImageKey]) -> KernelSet:
-    return KernelSet(features.filled(cell, shown), *_blocks(shown))
+def _kernels(
+    features: FeatureDistances, image_set: ImageSet, shown: Sequence[ImageKey]
+) -> KernelSet:
+    return KernelSet(features.filled(image_set, shown), *_blocks(shown))
 
 
 def _blocks(shown: Sequence[ImageKey]) -> tuple[NDArray[np.intp], int]:
-    """Return the block of the object of each image [n], and the number of blocks."""
+    """Return for each image [n] the block that its object is in, and the number of blocks."""
     objects = np.array([obj for obj, _ in shown])
     names, block = object_blocks(objects)
     return block[np.searchsorted(names, objects)], 1 + int(block.max())
@@ -158,9 +182,16 @@ def _between_moments(drawn: JackknifeMoments, truth: JackknifeMoments) -> tuple[
     return centred_to_frechet(drawn.whole, truth.whole), left_out_distances(drawn, truth)
 
 
-# The distance of two sets and those without each block, by what is kept of a set.
-_BETWEEN: Mapping[Any, Callable[[Any, Any], tuple[float, Floats]]] = {
-    _moments: _between_moments,
-    _grouped: grouped_distances,
-    _kernels: kernel_distances,
-}
+def _distance_functions(
+    kernel: bool, objects: int
+) -> tuple[Callable[..., Any], Callable[..., Any]]:
+    """Return the distance between two summaries of image sets, and the function that summarises.
+
+    The first also returns the distance without each block of objects. Fréchet distances of many
+    objects leave out blocks of objects instead of single ones.
+    """
+    if kernel:
+        return kernel_distances, _kernels
+    if objects <= EXACT_OBJECTS:
+        return _between_moments, _moments
+    return grouped_distances, _grouped

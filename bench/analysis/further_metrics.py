@@ -1,7 +1,7 @@
-"""Metrics of the images that a finished run has kept, as tables have them.
+"""The metrics of `bench score`: they are taken of the images that a finished run has kept.
 
-A metric may be of another package: whatever it raises, and what it gives that are no scores, is
-refused by its name.
+A metric may be of another package: where it raises an error, or returns what are no scores, that is
+refused with the name of the metric.
 """
 
 from __future__ import annotations
@@ -11,6 +11,7 @@ from collections.abc import Callable, Sequence
 from contextlib import redirect_stdout
 from dataclasses import replace
 from functools import cache, lru_cache
+from itertools import product
 
 import numpy as np
 import pandas as pd
@@ -31,23 +32,24 @@ from data_prep.arrays import Floats
 from data_prep.failures import BadInput
 from data_prep.scene import UInt8Images
 
-_READ = 8  # images of jobs held in memory, of about 1 MB each
+_READ = 8  # jobs whose images are held in memory, about 1 MB each
 
 
 def further_rows(
     run: Run, metrics: Sequence[ImageMetric | SetMetric], store: Store
 ) -> list[pd.DataFrame]:
-    """Return the rows of each metric, and keep the scores of images in the store of the run.
+    """Return the values of each metric, and write the scores of images into the store of the run.
 
     Raises BadInput for missing images, and where a metric fails or gives no scores.
     """
     images = _KeptImages(store)
-    return [
-        _set_rows(run, images, metric)
-        if isinstance(metric, SetMetric)
-        else _image_rows(run, images, metric, store)
-        for metric in metrics
-    ]
+    rows = []
+    for metric in metrics:
+        if isinstance(metric, SetMetric):
+            rows.append(_set_rows(run, images, metric))
+        else:
+            rows.append(_image_rows(run, images, metric, store))
+    return rows
 
 
 class _KeptImages:
@@ -68,9 +70,9 @@ class _KeptImages:
 
 
 def _image_rows(run: Run, images: _KeptImages, metric: ImageMetric, store: Store) -> pd.DataFrame:
-    """Return the means over objects, and keep the scores in the store of the run.
+    """Return the means over objects, and write the scores into the store of the run.
 
-    Skipped where something optional is not installed.
+    The rows are marked as skipped where a package that the metric needs is not installed.
     """
     scores: dict[str, Floats] = {}
     try:
@@ -91,45 +93,56 @@ def _image_rows(run: Run, images: _KeptImages, metric: ImageMetric, store: Store
 
 
 def digits_of(values: Floats) -> int:
-    """Return the digits after the point that tell values apart: three of their spread, 0 to 6."""
+    """Return how many digits after the point to print: three of the standard deviation, 0 to 6."""
     spread = float(np.nanstd(values)) if np.isfinite(values).any() else 0.0
     return 3 if spread == 0 else int(np.clip(2 - np.floor(np.log10(spread)), 0, 6))
 
 
 def _set_rows(run: Run, images: _KeptImages, metric: SetMetric) -> pd.DataFrame:
-    """Return the rows of Fréchet and kernel distances; skipped where something is not installed."""
-    kinds = {metric.id: False, f"{metric.id}-kernel": True}
+    """Return the rows of the Fréchet and of the kernel distance by the features of a metric.
+
+    They are marked as skipped where a package that the metric needs is not installed.
+    """
+    frechet, kernel = metric.id, f"{metric.id}-kernel"
     features = FeatureDistances(_KeptFeatures(images, metric, run.manifest["views"]))
     try:
-        rows = [distance_rows(run, name, kernel, features) for name, kernel in kinds.items()]
+        rows = [
+            distance_rows(run, frechet, kernel=False, features=features),
+            distance_rows(run, kernel, kernel=True, features=features),
+        ]
     except WeightsUnavailable as error:
         reason = f"skipped: {error}"
-        rows = [distance_rows(run, name, False, None, reason) for name in kinds]
+        rows = [distance_rows(run, name, False, None, reason) for name in (frechet, kernel)]
     return pd.concat(rows, ignore_index=True)
 
 
 class _KeptFeatures:
-    """The features of kept images (`bench.records.frames.Features`); of true ones in memory."""
+    """The features of kept images, as `bench.records.frames.Features`.
+
+    Those of true images are computed once and stay in memory, the others are computed when asked.
+    """
 
     def __init__(self, images: _KeptImages, metric: SetMetric, views: int) -> None:
         self._images, self._metric, self._views = images, metric, views
         self._true = cache(self._computed)
 
     def images(self, method: str, condition: str, class_name: str) -> list[ImageKey]:
-        """Return the images of a cell, sorted; none for an unknown cell."""
-        cell = (method, condition, class_name)
-        objects = sorted(row.name.object_id for row in self._images.jobs if row.name[:3] == cell)
-        return [(obj, view) for obj in objects for view in range(self._views)]
+        """Return the images of a method at a condition, sorted; none where there is no job."""
+        image_set = (method, condition, class_name)
+        objects = sorted(
+            job.name.object_id for job in self._images.jobs if job.name[:3] == image_set
+        )
+        return list(product(objects, range(self._views)))
 
     def of(
         self, method: str, condition: str, class_name: str, images: Sequence[ImageKey]
     ) -> Floats:
-        """Return the features of `images`, [n, d]. Raises BadInput as `score`."""
+        """Return the features of `images`, [n, d]. Raises BadInput where the metric has none."""
         features = self._true if method == GROUND_TRUTH else self._computed
-        of_objects = {
-            obj: features(JobName(method, condition, class_name, obj))
-            for obj in dict.fromkeys(obj for obj, _ in images)
-        }
+        of_objects: dict[str, Floats] = {}
+        for obj, _ in images:
+            if obj not in of_objects:
+                of_objects[obj] = features(JobName(method, condition, class_name, obj))
         return np.stack([of_objects[obj][view] for obj, view in images])
 
     def _computed(self, name: JobName) -> Floats:
@@ -139,9 +152,10 @@ class _KeptFeatures:
 def _call(
     metric: ImageMetric | SetMetric, function: Callable[..., object], *images: UInt8Images
 ) -> Floats:
-    """Return the values of a function of the metric. Raises BadInput for whatever it raises.
+    """Return the values of a function of the metric.
 
-    But for WeightsUnavailable, by which a metric says that it cannot be taken here.
+    Raises BadInput for whatever the function raises, but for WeightsUnavailable, by which a metric
+    says that a package it needs is not installed.
     """
     try:
         with redirect_stdout(sys.stderr):  # stdout is for the tables
@@ -167,7 +181,9 @@ def checked_scores(metric: ImageMetric, truth: UInt8Images, drawn: UInt8Images) 
     """Return scores [V] of images [V, H, W, 3]. Raises BadInput where the metric has none."""
     values = _call(metric, metric.score, truth, drawn)
     if values.ndim != 1 or not _finite_for(values, drawn):
-        like_truth = "; they are identical to the true ones" * np.array_equal(truth, drawn)
+        like_truth = ""
+        if np.array_equal(truth, drawn):
+            like_truth = "; they are identical to the true ones"
         raise BadInput(
             f"metric '{metric.id}': gives {values.shape} values, "
             f"{np.isfinite(values).sum()} finite, for {len(drawn)} images{like_truth}; fix that "
@@ -177,4 +193,5 @@ def checked_scores(metric: ImageMetric, truth: UInt8Images, drawn: UInt8Images) 
 
 
 def _finite_for(values: Floats, images: UInt8Images) -> bool:
+    """Return whether there is a finite value, or a row of such, for each image."""
     return len(values) == len(images) and bool(np.isfinite(values).all())

@@ -18,21 +18,21 @@ from scipy.special import stdtr, stdtrit
 
 from data_prep.arrays import Floats
 
-FEWEST = 8  # objects with an interval
-# Objects below which the interval of a method that fails is marked: of one that fails on every
-# twentieth object it holds the true mean in 43 to 71 % of samples of 8 to 24 objects, in 95 % of
-# samples of 60 (`studies/interval_coverage.py`).
+FEWEST = 8  # objects that an interval or a p value needs at least
+# Below so many objects the interval of a method of which images failed is marked. Of a method that
+# fails on every twentieth object, the interval holds the true mean in 43 to 71 % of samples of 8 to
+# 24 objects, but in 95 % of samples of 60 objects (`studies/interval_coverage.py`).
 FEWEST_WITH_FAILURES = 60
-SIGNIFICANCE = 0.05
-RESAMPLES = 2000
-SEED = 0
-AT_ONCE = 2**16  # numbers of the resamples that are in memory: little
+SIGNIFICANCE = 0.05  # alpha: an interval of 95 % misses the true value so often
+RESAMPLES = 2000  # resamples of a bootstrap
+SEED = 0  # of the bootstrap: the same values give the same interval
+RESAMPLED_AT_ONCE = 2**16  # values of the resamples that are in memory at a time, some 1 MB
 
-NONE = float("nan"), float("nan")
+NO_INTERVAL = float("nan"), float("nan")  # in place of (low, high)
 
 
 def may_miss(failed: bool, objects: int) -> bool:
-    """Return whether the interval of a method of which images failed is of too few objects."""
+    """Return whether an interval may well miss the true value: images failed, objects are few."""
     return failed and objects < FEWEST_WITH_FAILURES
 
 
@@ -43,9 +43,10 @@ class StandardError(NamedTuple):
     term of its Edgeworth expansion (Johnson, Journal of the American Statistical Association 73,
     1978): by |skewness| (2 t^2 + 1) / 6 standard errors for a quantile of t. The other end stays.
 
-    freedom   degrees of freedom of the error: Welch and Satterthwaite's for a mean over classes,
-              with one class the number of objects less one
-    skewness  of the estimate, enlarged where it is known from few objects
+    error     the standard error
+    freedom   its degrees of freedom: the number of objects less one, for a mean over classes by
+              Welch and Satterthwaite
+    skewness  skewness of the estimate, enlarged where it is known from few objects
     """
 
     error: float
@@ -60,7 +61,10 @@ class StandardError(NamedTuple):
         return value - below * self.error, value + above * self.error
 
     def p_value(self, value: float) -> float:
-        """Return the two-sided p value of a true value of 0: the alpha whose interval ends at 0."""
+        """Return the two-sided p value of the hypothesis that the true value is 0.
+
+        It is the alpha whose interval ends at 0.
+        """
         if value == 0 or self.error == 0:
             return float(value == 0)
         longer = max(-self.skewness if value > 0 else self.skewness, 0.0)  # of the tail towards 0
@@ -74,16 +78,16 @@ def mean_interval(*per_object: Floats, alpha: float = SIGNIFICANCE) -> tuple[flo
 
     per_object  one value per object [G], for each class
 
-    It is that of `mean_error`: (nan, nan) without one.
+    It is the interval of `mean_error`, and (nan, nan) where that returns None.
     """
     error = mean_error(per_object)
     if error is None:
-        return NONE
+        return NO_INTERVAL
     return error.interval(float(np.mean([values.mean() for values in per_object])), alpha)
 
 
 def median_interval(
-    values: Floats, objects: NDArray[Any], at_once: int = AT_ONCE
+    values: Floats, objects: NDArray[Any], at_once: int = RESAMPLED_AT_ONCE
 ) -> tuple[float, float]:
     """Return the 95 % percentile-bootstrap interval (low, high) of the median of values [n].
 
@@ -93,7 +97,7 @@ def median_interval(
     """
     names, member = np.unique(objects, return_inverse=True)
     if len(names) < FEWEST or not np.isfinite(values).all():
-        return NONE
+        return NO_INTERVAL
     order = np.argsort(values, kind="stable")
     values, member = values[order], member[order]
     rng = np.random.default_rng(SEED)
@@ -118,7 +122,7 @@ def jackknife_interval(value: float, leave_one_out: Sequence[Floats]) -> tuple[f
     value          the mean over the classes; with one class, its distance
     leave_one_out  for each class the distances without each block of objects [g]
 
-    It is that of `jackknife_error`. (nan, nan) without such an error.
+    It is the interval of `jackknife_error`, and (nan, nan) where that returns None.
 
     Why not the bootstrap: it draws objects twice, and repeated rows shrink the
     covariance and its rank. A Fréchet distance grows when sets get smaller, so that every replicate
@@ -128,13 +132,16 @@ def jackknife_interval(value: float, leave_one_out: Sequence[Floats]) -> tuple[f
     not where the distance of infinite sets lies.
     """
     error = jackknife_error(leave_one_out)
-    return error.interval(value) if error else NONE
+    return error.interval(value) if error else NO_INTERVAL
 
 
 def clipped(interval: tuple[float, float], values: tuple[float, float]) -> tuple[float, float]:
-    """Return an interval (low, high) without what lies outside the values (least, largest).
+    """Return an interval (low, high) without the part that no value can have.
 
-    NaN stays. Clipped, not made on a transformed scale: ends that are possible stay where they are.
+    values  the least and the largest value that are possible
+
+    NaN stays NaN. Clipping leaves an end that is possible where it is, which an interval on a
+    transformed scale would move.
     """
     low, high = np.clip(interval, *values)
     return float(low), float(high)
@@ -153,12 +160,13 @@ def mean_error(per_object: Sequence[Floats]) -> StandardError | None:
     if error.error == 0:
         return error
     third = sum(map(_third_moment_of_mean, per_object)) / sum(variances) ** 1.5
-    # Few objects of a skewed distribution rarely have one of its tail and look less skewed.
+    # A sample of few objects rarely has one from the long tail, so that it looks less skewed than
+    # the distribution is: the skewness is enlarged.
     return error._replace(skewness=float(third) * (1 + 8 / (error.freedom + 1)))
 
 
 def _third_moment_of_mean(values: Floats) -> float:
-    """Return the unbiased third central moment of the mean of values [n]; 0 of fewer than 3."""
+    """Return the unbiased third central moment of the mean of values [n]; 0 for fewer than 3."""
     count = len(values)
     if count < 3:
         return 0.0
@@ -179,6 +187,7 @@ def jackknife_error(leave_one_out: Sequence[Floats]) -> StandardError | None:
 
 
 def _enough(of_classes: Sequence[Floats]) -> bool:
+    """Return whether the values of each class are finite, and enough for a standard error."""
     counts = [len(values) for values in of_classes]
     if not counts or min(counts) < 2 or sum(counts) < FEWEST:
         return False
@@ -188,8 +197,9 @@ def _enough(of_classes: Sequence[Floats]) -> bool:
 def _standard_error(variances: Sequence[float], of_classes: Sequence[Floats]) -> StandardError:
     """Return the error of the mean over classes of estimates with these variances."""
     total = float(sum(variances))
-    parts = sum(v**2 / (len(x) - 1) for v, x in zip(variances, of_classes, strict=True))
-    least = min(map(len, of_classes)) - 1
-    return StandardError(
-        total**0.5 / len(of_classes), total**2 / float(parts) if parts > 0 else float(least)
-    )
+    parts = 0.0  # the denominator of Welch and Satterthwaite's degrees of freedom
+    for variance, values in zip(variances, of_classes, strict=True):
+        parts += variance**2 / (len(values) - 1)
+    least = float(min(map(len, of_classes)) - 1)  # for classes in which all values are equal
+    freedom = total**2 / float(parts) if parts > 0 else least
+    return StandardError(total**0.5 / len(of_classes), freedom)

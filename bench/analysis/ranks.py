@@ -22,7 +22,7 @@ from bench.analysis.paired import paired_differences
 
 
 def ranking(rows: pd.DataFrame) -> tuple[pd.DataFrame, int | None]:
-    """Return the methods that have a value with their letters, and how many objects are missing.
+    """Return the methods that have a value with their letters, and whether objects are too few.
 
     Parameters
     ----------
@@ -35,7 +35,7 @@ def ranking(rows: pd.DataFrame) -> tuple[pd.DataFrame, int | None]:
         The rows, the best first, then the reference methods, with `letters`: "a" for the best.
         Reference methods never have one, the others where there are enough objects.
     int or None
-        Where there are too few objects for letters, the fewest that can decide.
+        Where there are too few objects for letters, how many are needed at least.
     """
     ordered = best_first(rows)
     competes = ordered["method"].isin(candidates(ordered["method"]))
@@ -53,21 +53,39 @@ def ranking(rows: pd.DataFrame) -> tuple[pd.DataFrame, int | None]:
 def letters(best_first: Sequence[str], differ: AbstractSet[frozenset[str]]) -> dict[str, str]:
     """Return the letters of each method; two share one exactly if they are no pair of `differ`.
 
-    Groups are named in the order of their best members; after "z" come "z1", "z2".
+    best_first  the methods, the best first
+    differ      the pairs of methods that differ significantly
+
+    Letters are given in the order of the best member that shares them; after "z" come "z1", "z2".
     """
-    groups = {frozenset(best_first)}
+    groups = {frozenset(best_first)}  # of methods: all of a group share a letter
     for pair in map(frozenset, combinations(best_first, 2)):
         if pair in differ:
-            split = {group for group in groups if pair <= group}
-            groups = (groups - split) | {group - {method} for group in split for method in pair}
-            groups = {group for group in groups if not any(group < other for other in groups)}
-    place = {method: i for i, method in enumerate(best_first)}
-    ordered = sorted(groups, key=lambda group: sorted(place[method] for method in group))
-    names = [ascii_lowercase[i] if i < 26 else f"z{i - 25}" for i in range(len(ordered))]
-    return {
-        method: "".join(name for name, group in zip(names, ordered, strict=True) if method in group)
-        for method in best_first
-    }
+            groups = _without_subsets(_separated(groups, pair))
+    rank = {method: i for i, method in enumerate(best_first)}
+    ordered = sorted(groups, key=lambda group: sorted(rank[method] for method in group))
+    of_methods = dict.fromkeys(best_first, "")
+    for number, group in enumerate(ordered):
+        letter = ascii_lowercase[number] if number < 26 else f"z{number - 25}"
+        for method in group:
+            of_methods[method] += letter
+    return of_methods
+
+
+def _separated(groups: set[frozenset[str]], pair: frozenset[str]) -> set[frozenset[str]]:
+    """Return the groups, those that have both methods of a pair split into one without each."""
+    result = set[frozenset[str]]()
+    for group in groups:
+        if pair <= group:
+            result |= {group - {method} for method in pair}
+        else:
+            result.add(group)
+    return result
+
+
+def _without_subsets(groups: set[frozenset[str]]) -> set[frozenset[str]]:
+    """Return the groups that are no part of another one."""
+    return {group for group in groups if not any(group < other for other in groups)}
 
 
 def mean_places(
@@ -75,20 +93,23 @@ def mean_places(
 ) -> dict[str, float]:
     """Return the mean place of each method that has one, 1 for one that is always the best.
 
-    A column is a metric with its values by name, which are compared in the digits that both are
-    printed with; `ids` has the methods of the names that compete. A place among fewer methods is
-    stretched to all that have one.
+    columns  (metric, values by the names of methods); values are compared in the digits that both
+             are printed with, and equal ones share the mean of their places
+    ids      of the methods that compete, by their names in the columns
+
+    A column may lack some methods: its places are stretched to the number of all that have places.
     """
-    places: dict[str, list[float]] = {}
+    shares: dict[str, list[float]] = {}  # of the way from the first to the last place, 0..1
     for metric, of_column in columns:
         known = {name: of_column[name] for name in ids if name in of_column}
+        others = len(known) - 1
         for name, value in known.items():
-            balance = [
-                prints_better(metric, other, value, ids[name], ids[rival])
-                - prints_better(metric, value, other, ids[name], ids[rival])
-                for rival, other in known.items()
-            ]
-            # Those that print equal share their places.
-            others = len(known) - 1
-            places.setdefault(name, []).append((others + sum(balance)) / 2 / max(others, 1))
-    return {m: 1 + (len(places) - 1) * float(np.mean(p)) for m, p in places.items()}
+            better, worse = 0, 0  # numbers of rivals
+            for rival, other in known.items():
+                methods = ids[name], ids[rival]
+                better += prints_better(metric, other, value, *methods)
+                worse += prints_better(metric, value, other, *methods)
+            share = (others + better - worse) / 2 / max(others, 1)
+            shares.setdefault(name, []).append(share)
+    last = len(shares)
+    return {name: 1 + (last - 1) * float(np.mean(of_name)) for name, of_name in shares.items()}

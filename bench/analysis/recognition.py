@@ -19,7 +19,7 @@ import pandas as pd
 from numpy.typing import NDArray
 from safetensors import safe_open
 
-from bench.analysis.distances import ROWS, CellKey, FeatureDistances
+from bench.analysis.distances import FEATURES_AT_ONCE, FeatureDistances, ImageSet
 from bench.catalogue.metrics import RECOGNITION_METRICS, column
 from bench.judges.answers import VIEW_COLUMNS, Gallery, gallery
 from bench.records.frames import Features
@@ -29,7 +29,7 @@ from data_prep.failures import BadInput
 
 
 def true_gallery(answers: Features, class_name: str) -> Gallery:
-    """Return the gallery of a class, from the judge's answers to the ground truth of a run."""
+    """Return the gallery of a class: the judge's answers to the true images of a run."""
     truth = (GROUND_TRUTH, "", class_name)
     images = answers.images(*truth)
     codes = answers.of(*truth, images) if images else np.empty((0, VIEW_COLUMNS))
@@ -62,7 +62,10 @@ class ClassHead:
 
 
 def read_class_head(path: Path) -> ClassHead:
-    """Return the head in the weights of `fd-views`. Raises BadInput for a file without one."""
+    """Read the layer that predicts the class from the weights of `fd-views`.
+
+    Raises BadInput for a file without one.
+    """
     try:
         with safe_open(path, framework="np") as file:
             classes = tuple(json.loads((file.metadata() or {})["labels"])["classes"])
@@ -76,18 +79,21 @@ def read_class_head(path: Path) -> ClassHead:
 
 
 def confidences(
-    cells: Iterable[CellKey], features: FeatureDistances, head: ClassHead
+    image_sets: Iterable[ImageSet], features: FeatureDistances, head: ClassHead
 ) -> Iterator[pd.DataFrame]:
-    """Yield the images of cells with a column of the confidence in their true class.
+    """Yield the images of each set with a column of the classifier's confidence in their class.
 
     The head is applied to the features that a run has kept: nothing is drawn or loaded again.
     """
     (metric,) = RECOGNITION_METRICS
-    for cell in cells:
-        images = features.images(*cell)
-        parts = (images[start : start + ROWS] for start in range(0, len(images), ROWS))
-        values = [head.confidence(features.of(*cell, part), cell[2]) for part in parts]
+    for image_set in image_sets:
+        method, condition, class_name = image_set
+        images = features.images(*image_set)
+        values = []
+        for start in range(0, len(images), FEATURES_AT_ONCE):
+            part = images[start : start + FEATURES_AT_ONCE]
+            values.append(head.confidence(features.of(*image_set, part), class_name))
         if images:
             frame = pd.DataFrame(images, columns=["object", "view"])
-            frame = frame.assign(method=cell[0], condition=cell[1], **{"class": cell[2]})
+            frame = frame.assign(method=method, condition=condition, **{"class": class_name})
             yield frame.assign(**{column(metric): np.concatenate(values)})

@@ -5,12 +5,13 @@ from __future__ import annotations
 from collections.abc import Mapping, Sequence
 from collections.abc import Set as AbstractSet
 from dataclasses import dataclass
+from itertools import product
 from pathlib import Path
 
 import pandas as pd
 from threadpoolctl import threadpool_limits
 
-from bench.analysis.comparison import best_first, candidates, known_objects, pooled
+from bench.analysis.comparison import CloudSet, best_first, candidates, known_objects, pooled
 from bench.analysis.paired import by_method, paired_differences, two_methods
 from bench.analysis.scored_run import Run, read_run
 from bench.catalogue.chosen import BEST_CLASSICAL, CHOSEN, MetricAtCondition
@@ -21,35 +22,38 @@ from bench.records.frames import read_records
 from bench.records.run_folder import CONDITION_IDENTITIES
 from data_prep.failures import BadInput
 
-_SAME_TRUTH = 0.005  # of that ssim: graphics drivers differ by less, objects by more
-NAMED = 3  # objects in a message
-MEASURED = ("images_of_a", "images_of_b")  # the methods whose images they are
+# The most by which the ssim of a blank image differs between two runs whose true images are the
+# same: graphics drivers move it by less, another object by more.
+_SAME_TRUTH = 0.005
+NAMED = 3  # objects that a message names; it counts the others
+IMAGES_OF = ("images_of_a", "images_of_b")  # columns of the methods that drew the images
 
 
 @dataclass(frozen=True, eq=False)
 class Differences:
-    """The differences of two sides in all cells.
+    """The differences of two sides by all criteria.
 
-    a, b     names of the two sides: methods of one run, or folders of two
-    cells    as `bench.analysis.paired.paired_differences` returns them
-    remarks  what was left out, a sentence each
-    truth    the truth that both sides are scored against, in words
+    a, b     names of the two sides: two methods of one run, or the folders of two runs
+    rows     as `bench.analysis.paired.paired_differences` returns them
+    remarks  a sentence on each thing that was left out
+    truth    the true images that both sides are scored against, in words
     """
 
     a: str
     b: str
-    cells: pd.DataFrame
+    rows: pd.DataFrame
     remarks: tuple[str, ...]
     truth: str
 
 
-def methods_of_run(
+def compare_methods(
     directory: Path, methods: Sequence[str], metrics: Sequence[str] | None
 ) -> Differences:
-    """Return method b against method a of one finished run, in every condition and class.
+    """Return method b against method a of one finished run, under every condition and class.
 
-    With several classes also all objects together, by image metrics. A method may be a chosen row:
-    another method by each metric and condition (`bench.catalogue.chosen`).
+    Of several classes there are also the differences of all objects together, by metrics of images.
+    One of the two may be a row that stands for another method by each metric and condition, such as
+    `best-classical` (`bench.catalogue.chosen`).
 
     Raises BadInput where there are not two methods, for methods and metrics that the run does not
     have, and for a run without scores.
@@ -62,13 +66,15 @@ def methods_of_run(
 
 @dataclass(frozen=True, eq=False)
 class Standing:
-    """The standing of a method among those of its run, in the cells under some conditions.
+    """The standing of a method among those of its run, under the conditions where it has images.
 
-    conditions  those at which it has images, in the order of the run
-    images      by condition how many images it has, and should have
-    places      by headline metric its place in the mean over the cells, and among how many methods
-    against     its differences from the best of the others by each metric, with the metrics that it
-                is the best by; none for `best-classical`, which comes last
+    conditions  these conditions, in the order of the run
+    images      by condition how many images it has, and how many it should have
+    places      by metric of the headline its place, by the mean over conditions and classes, and
+                the number of methods that have a place
+    against     (metrics, differences) for each method that is the best of the others by some
+                metrics: these metrics, and the differences from that method. Those from
+                `best-classical` come last, without metrics
     """
 
     conditions: tuple[str, ...]
@@ -77,10 +83,13 @@ class Standing:
     against: Sequence[tuple[tuple[str, ...], Differences]]
 
 
-def standing(run: Run, method: str, added: Sequence[str]) -> Standing:
-    """Return the standing of a method among the methods of a run; the best are none of `added`.
+def method_standing(run: Run, method: str, added: Sequence[str]) -> Standing:
+    """Return how a method stands among the methods of a run.
 
-    Where nothing competes, `blank` is the best. Raises BadInput for a run without scores.
+    added  methods that were added together with it: it is not compared with them
+
+    Where no other method competes it is compared with `blank`. Raises BadInput for a run without
+    scores.
     """
     metrics = _metrics([run], None, [])
     compared = run.compared(metrics, {*candidates(run.manifest["methods"]), FLOOR, method})
@@ -90,18 +99,20 @@ def standing(run: Run, method: str, added: Sequence[str]) -> Standing:
     conditions = tuple(name for name, (count, _) in images.items() if count)
     among = compared[compared["condition"].isin(conditions)]
     values = among.groupby(["metric", "method", "images_of"], sort=False)["value"]
-    means = values.agg(lambda of_cells: of_cells.mean(skipna=False)).reset_index()
+    means = values.agg(lambda of_method: of_method.mean(skipna=False)).reset_index()
+    if not conditions:
+        return Standing(conditions, images, {}, [])
     places: dict[str, tuple[int, int]] = {}
-    best_by: dict[str, tuple[str, ...]] = {}
-    for metric in metrics if conditions else ():
+    best_by: dict[str, tuple[str, ...]] = {}  # the metrics that a method is the best by
+    for metric in metrics:
         of_metric = means[means["metric"] == metric]
-        ranked = best_first(of_metric[of_metric["method"].isin([*candidates(means["method"])])])
+        ranked = best_first(of_metric[of_metric["method"].isin(candidates(means["method"]))])
         before = dict(zip(ranked["method"], ranked["before"], strict=True))
         if method in before:
             places[metric] = before[method] + 1, len(before)
         best = next((name for name in before if name not in added), FLOOR)
         best_by[best] = (*best_by.get(best, ()), metric)
-    if BEST_CLASSICAL in _chosen_rows(run, metrics) and conditions:
+    if BEST_CLASSICAL in _chosen_rows(run, metrics):
         best_by[BEST_CLASSICAL] = ()
     against = [
         (by, _two_methods(run, (best, method), None, conditions)) for best, by in best_by.items()
@@ -115,6 +126,7 @@ def _two_methods(
     metrics: Sequence[str] | None,
     conditions: Sequence[str] | None = None,
 ) -> Differences:
+    """Return method b against method a of a run; None: by its headline, under all conditions."""
     remarks: list[str] = []
     chosen = _metrics([run], metrics, remarks)
     chosen_rows = _chosen_rows(run, chosen)
@@ -126,20 +138,20 @@ def _two_methods(
         compared = compared[compared["condition"].isin(conditions)]
     together = pooled(compared)
     parts = [compared] if together.empty else [compared, together]
-    cells = pd.concat([two_methods(part.assign(run=folder), chosen, a, b) for part in parts])
+    rows = pd.concat([two_methods(part.assign(run=folder), chosen, a, b) for part in parts])
     named = chosen_rows.keys() & set(methods)
     remarks += [CHOSEN[name].in_words(chosen_rows[name]) for name in CHOSEN if name in named]
     truth = TRUTHS[run.suite.truth]
-    cells = cells.sort_values(
+    rows = rows.sort_values(
         "metric", key=lambda names: names.map(chosen.index), kind="stable", ignore_index=True
     )
-    return Differences(a, b, cells, tuple(remarks), truth)
+    return Differences(a, b, rows, tuple(remarks), truth)
 
 
-def runs(
+def compare_runs(
     first: Path, second: Path, methods: Sequence[str] | None, metrics: Sequence[str] | None
 ) -> Differences:
-    """Return each method of run b against that of run a, in every condition and class.
+    """Return each method of run b against that of run a, under every condition and class.
 
     Methods and conditions that only one run has are left out, with a remark. Raises BadInput where
     the runs did not see the same objects from the same views, naming what differs; where they have
@@ -161,49 +173,53 @@ def runs(
     _leave_out_changed(a, b, conditions, remarks)
     chosen = _metrics([a, b], metrics, remarks)
     among = _shared_objects(a, b, conditions, remarks)
-    compared = [
-        _compare(run, methods or shared, chosen, among).assign(run=_name(directory))
-        for run, directory in ((a, first), (b, second))
-    ]
-    cells, names = compared[0][["condition", "class"]].drop_duplicates(), methods or shared
-    in_a, in_b = map(by_method, compared)
-    pairs = [
-        (in_a[name][metric, *cell], in_b[name][metric, *cell])
-        for metric in chosen
-        for cell in cells.itertuples(index=False)
-        for name in names
-    ]
+    names = methods or shared
+    compared_a = _compare(a, names, chosen, among).assign(run=_name(first))
+    compared_b = _compare(b, names, chosen, among).assign(run=_name(second))
+    cloud_sets = compared_a[["condition", "class"]].drop_duplicates()
+    in_a, in_b = by_method(compared_a), by_method(compared_b)
+    pairs = []
+    for metric in chosen:
+        for condition, class_name in cloud_sets.itertuples(index=False):
+            criterion = (metric, condition, class_name)
+            pairs += [(in_a[name][criterion], in_b[name][criterion]) for name in names]
     truth = TRUTHS[a.suite.truth]
     sides = _name(first), _name(second)
     return Differences(*sides, paired_differences(pairs), tuple(remarks), truth)
 
 
 def _name(directory: Path) -> str:
-    """Return the path of a run as text that files and columns can hold: without lone surrogates."""
+    """Return the path of a run as text that a file can hold: without lone surrogates."""
     return str(directory).encode(errors="backslashreplace").decode()
 
 
 def _shared_objects(
     a: Run, b: Run, conditions: Sequence[str], remarks: list[str]
-) -> dict[tuple[str, str], set[str]]:
+) -> dict[CloudSet, set[str]]:
     """Return the objects with true images in both runs, by condition and class.
 
-    There is a remark on those whose true images failed in one of them.
+    A remark names those whose true images failed in one of the runs.
     """
     of_a, of_b = known_objects(a), known_objects(b)
-    cells = [cell for cell in of_a | of_b if cell[0] in conditions]
-    both = {cell: of_a.get(cell, set()) & of_b.get(cell, set()) for cell in cells}
-    lost: dict[str, set[str]] = {}
-    for cell in cells:
-        lost.setdefault(cell[1], set()).update(of_a.get(cell, set()) ^ of_b.get(cell, set()))
-    for class_name, alone in sorted(lost.items()):
-        names = sorted(alone)
-        shown = f"{', '.join(names[:NAMED])}{' and others' * (len(names) > NAMED)}"
-        most = max(len(here) for (_, name), here in both.items() if name == class_name)
-        remarks += [
+    cloud_sets = [cloud_set for cloud_set in of_a | of_b if cloud_set[0] in conditions]
+    both: dict[CloudSet, set[str]] = {}
+    of_one: dict[str, set[str]] = {}  # by class, the objects that only one run has
+    for cloud_set in cloud_sets:
+        _, class_name = cloud_set
+        in_a, in_b = of_a.get(cloud_set, set()), of_b.get(cloud_set, set())
+        both[cloud_set] = in_a & in_b
+        of_one.setdefault(class_name, set()).update(in_a ^ in_b)
+    for class_name, objects in sorted(of_one.items()):
+        if not objects:
+            continue
+        names = sorted(objects)
+        first = ", ".join(names[:NAMED])
+        others = " and others" if len(names) > NAMED else ""
+        most = max(len(shared) for (_, name), shared in both.items() if name == class_name)
+        remarks.append(
             f"{len(names)} of class {class_name} left out, as their true images failed in one of "
-            f"the runs: {shown}; {most} are in both."
-        ] * bool(names)
+            f"the runs: {first}{others}; {most} are in both."
+        )
     return both
 
 
@@ -211,38 +227,47 @@ def _compare(
     run: Run,
     methods: Sequence[str],
     metrics: Sequence[str],
-    among: Mapping[tuple[str, str], AbstractSet[str]] | None = None,
+    among: Mapping[CloudSet, AbstractSet[str]] | None = None,
 ) -> pd.DataFrame:
+    """Return the comparison of methods, with the rows of those that choose another method.
+
+    among  objects that take part, by condition and class; by default all
+    """
     rows = {name: best for name, best in _chosen_rows(run, metrics).items() if name in methods}
     chosen = {method for best in rows.values() for method in best.values()}
     with threadpool_limits(1):  # the same digits on any number of cores
         compared = run.compared(metrics, {*methods, *chosen}, among)
-    cells = pd.MultiIndex.from_frame(compared[["metric", "condition"]])
+    chosen_by = pd.MultiIndex.from_frame(compared[["metric", "condition"]])
     best_rows = (
-        compared[compared["method"] == cells.map(best)].assign(method=name)
+        compared[compared["method"] == chosen_by.map(best)].assign(method=name)
         for name, best in rows.items()
     )
     return pd.concat([compared, *best_rows])
 
 
 def _chosen_rows(run: Run, metrics: Sequence[str]) -> dict[str, dict[MetricAtCondition, str]]:
-    """Return the methods of the chosen rows by cell; only rows that each cell has."""
-    conditions = run.manifest["conditions"]
-    cells = [(metric, condition) for metric in dict.fromkeys(metrics) for condition in conditions]
-    rows = {name: row.best(cells, run.manifest["methods"]) for name, row in CHOSEN.items()}
-    return {name: best for name, best in rows.items() if len(best) == len(cells)}
+    """Return the rows that choose a method, each as methods by metric and condition.
+
+    A row that has no method by one of the metrics under one of the conditions is left out.
+    """
+    chosen_by = list(product(dict.fromkeys(metrics), run.manifest["conditions"]))
+    rows = {name: row.best(chosen_by, run.manifest["methods"]) for name, row in CHOSEN.items()}
+    return {name: best for name, best in rows.items() if len(best) == len(chosen_by)}
 
 
 def _metrics(scored: Sequence[Run], wanted: Sequence[str] | None, remarks: list[str]) -> list[str]:
-    """Return the metrics wanted, all of which the runs have to have.
+    """Return the wanted metrics, by default those of the headline that all runs have.
 
-    By default the metrics of the headline table.
+    There is a remark where distances between sets of images cannot be compared. Raises BadInput for
+    a wanted metric that a run does not have.
     """
     suite = scored[0].suite
     further = [metric for metric in wanted or () if declared_metric(metric)]
     every = [*suite.image_metrics, *suite.detail_metrics, *suite.set_metrics, *further]
-    every.sort(key=lambda metric: metric not in suite.headline)
-    metrics = [metric for metric in every if all(run.measured([metric]) for run in scored)]
+    every.sort(key=lambda metric: metric not in suite.headline)  # stable: the headline first
+    metrics = every
+    for run in scored:
+        metrics = run.measured(metrics)
     extractors = {repr(sorted(r.manifest.get("feature_identity", {}).items())) for r in scored}
     if len(extractors) > 1:
         remarks.append("Features were taken by different extractors; set metrics are left out.")
@@ -254,6 +279,10 @@ def _metrics(scored: Sequence[Run], wanted: Sequence[str] | None, remarks: list[
 
 
 def _common(name: str, a: Sequence[str], b: Sequence[str], remarks: list[str]) -> list[str]:
+    """Return the methods or conditions that both runs have, with a remark on the others.
+
+    name  "methods" or "conditions"
+    """
     common = [value for value in a if value in b]
     if not common:
         raise BadInput(f"the runs have no {name} in common: {', '.join(a)}; {', '.join(b)}")
@@ -263,7 +292,7 @@ def _common(name: str, a: Sequence[str], b: Sequence[str], remarks: list[str]) -
 
 
 def _leave_out_changed(a: Run, b: Run, conditions: list[str], remarks: list[str]) -> None:
-    """Take out the conditions of packages that give other clouds in the two runs, with a remark."""
+    """Remove the conditions whose clouds differ between the runs, with a remark."""
     in_a, in_b = (run.manifest.get(CONDITION_IDENTITIES, {}) for run in (a, b))
     changed = [name for name in conditions if in_a.get(name) != in_b.get(name)]
     for name in changed:
@@ -278,6 +307,7 @@ def _leave_out_changed(a: Run, b: Run, conditions: list[str], remarks: list[str]
 
 
 def _refuse_unknown(option: str, wanted: Sequence[str], known: Sequence[str]) -> None:
+    """Raise BadInput for a name of an option (--methods or --metric) that is not known."""
     for name in wanted:
         if name not in known:
             raise BadInput(
@@ -310,7 +340,7 @@ def _refuse_other_objects(*runs: Run) -> None:
             f"{view.azimuth_deg_b:.2f}/{view.elevation_deg_b:.2f} degrees; give both the same "
             "--seed"
         )
-    # Not for NaN: a blank image that failed.
+    # A blank image that failed has no ssim; NaN is not above the limit, so that it is passed over.
     for view in both[(both["ssim_a"] - both["ssim_b"]).abs() > _SAME_TRUTH].itertuples():
         raise BadInput(
             f"different true images: {view.name} is not the same object in both runs (a blank "
@@ -319,10 +349,10 @@ def _refuse_other_objects(*runs: Run) -> None:
 
 
 def _true_views(run: Run) -> pd.DataFrame:
-    """Return the directions of the true images, and the ssim of a blank image with each."""
+    """Return the direction of view of each true image, and the ssim of a blank image with it."""
     columns = ("class", "object", "view", "azimuth_deg", "elevation_deg", "ssim")
     blank = read_records(run.directory, columns, method=FLOOR)
     blank["name"] = blank["class"] + "/" + blank["object"]
-    # They are the same at every condition.
+    # The true images are the same at every condition: one row of each is kept.
     views = blank.drop(columns=["class", "object"])
     return views.drop_duplicates(["name", "view"], keep="last")

@@ -1,8 +1,9 @@
 """A run as everything that is made of it reads it: a frame with one row a job, and features.
 
 A job is one method on one cloud: it has all its images, or none. So the sums of the scores of its
-images are all that means over objects need, and a failed job takes those of the blank image of the
-same condition and object. Memory grows with objects times cells, not with images.
+images are all that means over objects need, and a failed job takes the sums of the blank images of
+the same condition and object. A *set of images* is those of one method under one condition on one
+class. Memory grows with the number of jobs, not of images.
 """
 
 from __future__ import annotations
@@ -11,6 +12,7 @@ from collections import Counter
 from collections.abc import Container, Iterable, Mapping, Sequence
 from dataclasses import dataclass, field, replace
 from functools import cached_property
+from itertools import product
 from pathlib import Path
 from typing import Any
 
@@ -19,7 +21,7 @@ import pandas as pd
 from numpy.typing import NDArray
 
 from bench.analysis.comparison import compare
-from bench.analysis.distances import CellKey, FeatureDistances
+from bench.analysis.distances import FeatureDistances, ImageSet
 from bench.analysis.recognition import confidences, read_class_head
 from bench.catalogue.methods import FLOOR
 from bench.catalogue.metrics import (
@@ -56,9 +58,10 @@ VIEWS = "fd-views"
 
 
 def _sums_of_metric(images: pd.DataFrame, name: str) -> pd.DataFrame:
-    """Return the sums of a column of images, NAME_sum, and the numbers, NAME_count, a row a job.
+    """Return for each job the sum of a column over its images, and how many have a value.
 
-    NaN is no value. They are added in the order of the images, as in `job_frame`.
+    The two are the columns NAME_sum and NAME_count; NaN is no value. Values are added in the order
+    of the images, as in `job_frame`, so that sums are equal to the last digit.
     """
     values = images[name].to_numpy(np.float64)
     jobs = images.assign(job=images.groupby(JOB, sort=False, observed=True).ngroup())
@@ -83,7 +86,7 @@ def _planned_jobs(
 
 
 def full_frame(jobs: pd.DataFrame, manifest: Mapping[str, Any]) -> pd.DataFrame:
-    """Return the jobs with a row for each that the manifest has, with 0 images where it is absent.
+    """Return a row for each job of the manifest, with 0 images for one that `jobs` does not have.
 
     Raises BadInput for a job that the manifest does not have.
     """
@@ -100,7 +103,7 @@ def full_frame(jobs: pd.DataFrame, manifest: Mapping[str, Any]) -> pd.DataFrame:
 
 
 def _without_nan(jobs: pd.DataFrame) -> pd.DataFrame:
-    """Return the frame with "", 0 and whole numbers where it has no value."""
+    """Return the frame with "" and 0 in place of NaN, and with numbers of images as integers."""
     texts = {name: jobs[name].fillna("") for name in ("reason", "notes")}
     numbers = {
         name: jobs[name].fillna(0).astype(np.float64 if name.endswith("_sum") else np.int64)
@@ -114,10 +117,11 @@ def _without_nan(jobs: pd.DataFrame) -> pd.DataFrame:
 class Run:
     """A run whose images were scored: its jobs, its features, and what it compared.
 
-    jobs      one row a job as `bench.records.frames.job_frame`, by method and condition as in the
-              manifest and by class and object; a job that was not run has 0 planned images
-    features  by extractor
-    skipped   reasons of the extractors without features, and of the metrics without values
+    jobs      a row for each job, with the columns of `bench.records.frames.job_frame`, sorted by
+              method and condition as in the manifest, then by class and object; a job that was not
+              run has 0 planned images
+    features  features of the images by extractor, the network that they are taken with
+    skipped   why an extractor has no features, or a metric no values, by their names
     """
 
     directory: Path
@@ -131,96 +135,106 @@ class Run:
     )
 
     @cached_property
-    def _rows(self) -> dict[CellKey, slice]:
-        """Return the rows of the jobs of each cell, which follow each other."""
-        cells: Any = self.jobs.groupby(JOB[:3], sort=False).indices
-        return {cell: slice(rows[0], rows[-1] + 1) for cell, rows in cells.items()}
+    def _rows(self) -> dict[ImageSet, slice]:
+        """Return where the jobs of each set of images stand in the frame, one below the other."""
+        indices: Any = self.jobs.groupby(JOB[:3], sort=False).indices
+        return {image_set: slice(rows[0], rows[-1] + 1) for image_set, rows in indices.items()}
 
     @cached_property
     def _columns(self) -> dict[str, NDArray[Any]]:
-        """Return the columns of the jobs, which a frame takes longer to look up than to add up."""
+        """Return the columns of the jobs as arrays, which are found faster than in a frame."""
         return {str(name): values.to_numpy() for name, values in self.jobs.items()}
 
     @cached_property
-    def cells(self) -> list[CellKey]:
-        """Return the cells that have been run, by condition, method and class."""
+    def image_sets(self) -> list[ImageSet]:
+        """Return the sets of images that have been run, by condition, method and class."""
         conditions, methods, classes = (
             self.jobs[name].unique().tolist() for name in ("condition", "method", "class")
         )
-        every = ((m, c, k) for c in conditions for m in methods for k in classes)
-        return [cell for cell in every if self.images(cell)[1]]
+        image_sets = []
+        for condition, method, class_name in product(conditions, methods, classes):
+            image_set = (method, condition, class_name)
+            _, planned = self.images(image_set)
+            if planned:
+                image_sets.append(image_set)
+        return image_sets
 
     @cached_property
-    def reasons(self) -> dict[CellKey, Counter[str]]:
-        """Return the numbers of failed images by cell and reason."""
-        reasons: dict[CellKey, Counter[str]] = {}
+    def reasons(self) -> dict[ImageSet, Counter[str]]:
+        """Return how many images failed for each reason, by set of images."""
+        reasons: dict[ImageSet, Counter[str]] = {}
         failed = self.jobs[self.jobs["drawn"] < self.jobs["planned"]]
-        cells = zip(*(failed[name] for name in JOB[:3]), strict=True)
+        image_sets = zip(*(failed[name] for name in JOB[:3]), strict=True)
         missing = failed["planned"] - failed["drawn"]
-        for cell, reason, count in zip(cells, failed["reason"], missing, strict=True):
-            reasons.setdefault(cell, Counter())[reason] += count
+        for image_set, reason, count in zip(image_sets, failed["reason"], missing, strict=True):
+            reasons.setdefault(image_set, Counter())[reason] += count
         return reasons
 
     def has(self, metric: str) -> bool:
-        """Return whether the jobs have sums of a metric of images."""
+        """Return whether the jobs have the sums of the scores by a metric of images."""
         return f"{column(metric)}_sum" in self.jobs
 
     @cached_property
     def objects_of(self) -> dict[str, int]:
-        """Return the number of objects that have been run by class, without classes of none."""
+        """Return by class how many objects have been run; classes without any are left out."""
         run = self.jobs.loc[self.jobs["planned"] > 0, ["class", "object"]].drop_duplicates()
         return {str(name): int(count) for name, count in run.groupby("class").size().items()}
 
-    def objects(self, cell: CellKey) -> NDArray[Any]:
-        """Return the names of the objects of a cell's class, sorted, [G]."""
-        return self._column(cell, "object")
+    def objects(self, image_set: ImageSet) -> NDArray[Any]:
+        """Return the names [G] of the objects of a set of images, sorted."""
+        return self._column(image_set, "object")
 
-    def numbers(self, cell: CellKey) -> tuple[NDArray[np.int64], NDArray[np.int64]]:
-        """Return how many images of each object of a cell exist, and how many should, [G]."""
-        return self._column(cell, "drawn"), self._column(cell, "planned")
+    def numbers(self, image_set: ImageSet) -> tuple[NDArray[np.int64], NDArray[np.int64]]:
+        """Return how many images of each object [G] exist, and how many should exist."""
+        return self._column(image_set, "drawn"), self._column(image_set, "planned")
 
-    def images(self, cell: CellKey) -> tuple[int, int]:
-        """Return how many images of a cell exist, and how many should."""
-        drawn, planned = self.numbers(cell)
+    def images(self, image_set: ImageSet) -> tuple[int, int]:
+        """Return how many images of a set exist, and how many should exist."""
+        drawn, planned = self.numbers(image_set)
         return int(drawn.sum()), int(planned.sum())
 
-    def scored(self, cell: CellKey, metric: str) -> int:
-        """Return how many images of a cell have a value by a metric of images."""
-        return int(self._column(cell, f"{column(metric)}_count").sum())
+    def scored(self, image_set: ImageSet, metric: str) -> int:
+        """Return how many images of a set have a value by a metric of images."""
+        return int(self._column(image_set, f"{column(metric)}_count").sum())
 
     def _sums(
-        self, cell: CellKey, metric: str, blanks: bool = False
+        self, image_set: ImageSet, metric: str, blanks: bool = False
     ) -> tuple[Floats, NDArray[np.int64]]:
-        """Return the sums of the scores of each object of a cell, and their numbers, [G] each.
+        """Return for each object [G] the sum of its images' scores, and how many scores there are.
 
-        With `blanks` they are those of the blank images in place of failed ones alone. Times are
-        metrics of this, by their columns.
+        With `blanks` they are the scores of the blank images that stand in for failed ones, and of
+        no others. The columns of times (`TIMES`) may be given in place of a metric.
         """
-        drawn, planned = self.numbers(cell)
+        drawn, planned = self.numbers(image_set)
         if blanks:
-            cell = (FLOOR, *cell[1:])
-        if cell not in self._rows:
+            image_set = (FLOOR, *image_set[1:])
+        if image_set not in self._rows:
             return np.zeros(len(drawn)), np.zeros(len(drawn), np.int64)
-        sums, counts = (self._column(cell, f"{column(metric)}_{name}") for name in ("sum", "count"))
-        return (sums * (drawn < planned), counts * (drawn < planned)) if blanks else (sums, counts)
+        sums, counts = (
+            self._column(image_set, f"{column(metric)}_{name}") for name in ("sum", "count")
+        )
+        if not blanks:
+            return sums, counts
+        failed = drawn < planned
+        return np.where(failed, sums, 0.0), np.where(failed, counts, 0)
 
-    def per_object(self, cell: CellKey, metric: str, blanks: bool = False) -> Floats:
-        """Return the mean score of each object of a cell, [G]; NaN where no image has one.
+    def per_object(self, image_set: ImageSet, metric: str, blanks: bool = False) -> Floats:
+        """Return the mean score of each object [G] over its images; NaN where none has a score.
 
-        With `blanks` a failed image has the score of the blank one.
+        With `blanks` a failed image has the score of the blank image of the same object.
         """
-        sums, counts = self._sums(cell, metric)
+        sums, counts = self._sums(image_set, metric)
         if blanks:
-            of_blank, number = self._sums(cell, metric, blanks=True)
+            of_blank, number = self._sums(image_set, metric, blanks=True)
             sums, counts = sums + of_blank, counts + number
         return np.divide(sums, counts, out=np.full(len(sums), np.nan), where=counts > 0)
 
-    def _column(self, cell: CellKey, name: str) -> NDArray[Any]:
-        return self._columns[name][self._rows[cell]]
+    def _column(self, image_set: ImageSet, name: str) -> NDArray[Any]:
+        return self._columns[name][self._rows[image_set]]
 
     @property
     def not_measured(self) -> list[str]:
-        """Return a line for each metric that a run has no values of for want of its weights."""
+        """Return a line for each metric that was not measured because its weights are absent."""
         reasons: Mapping[str, str] = self.manifest.get("skipped_metrics", {})
         return [
             f"{metric}: not measured, {reason.removeprefix('skipped: ').removeprefix('weights; ')}"
@@ -238,13 +252,13 @@ class Run:
 
     @property
     def headline(self) -> list[str]:
-        """Return the metrics of images of the headline that the run has: those that judge."""
+        """Return the headline's metrics of images that the run has: by these methods are judged."""
         return self.measured([metric for metric in self.suite.headline if is_mean(metric)])
 
     def measured(self, metrics: Sequence[str]) -> list[str]:
         """Return the metrics of images and of sets among these that the run has."""
         available = {*self.features} | ({*IMAGE_METRICS} - self.skipped.keys())
-        # Those that were kept beside the records are declared.
+        # A metric of `bench score` is declared, and its sums are columns of the jobs.
         return [m for m in metrics if m in available or (declared_metric(m) and self.has(m))]
 
     def compared(
@@ -253,7 +267,7 @@ class Run:
         methods: Iterable[str] | None = None,
         among: Mapping[tuple[str, str], Container[str]] | None = None,
     ) -> pd.DataFrame:
-        """Return methods on the same objects by these metrics, by default all; computed once.
+        """Return `compare` of this run by these metrics, by default of all methods; computed once.
 
         `among` has the objects that take part, by condition and class; by default all.
         """
@@ -273,7 +287,7 @@ class Run:
         return in_order(records, self.manifest, ("condition", "method"))
 
     def with_metric(self, metric: str, images: pd.DataFrame) -> Run:
-        """Return the run with the sums of a further metric of images that exist, a column of it."""
+        """Return the run with the sums of a further metric, a column of the frame of `images`."""
         jobs = self.jobs.merge(_sums_of_metric(images, column(metric)), how="left", on=JOB)
         return replace(self, jobs=_without_nan(jobs))
 
@@ -287,9 +301,10 @@ class Run:
     def with_further(self, wanted: Iterable[str]) -> Run:
         """Return the run with each wanted metric that `bench score` has kept of it.
 
-        Metrics that are neither on request nor of an installed package, nor scored, are left to the
-        caller, who knows what the run has. Raises BadInput for a metric that the run was not scored
-        by, naming the command, and for a distance of sets, which has no value for an image.
+        A name that is no metric of `bench score`, of an installed package or of the run is passed
+        over: the caller knows what the run has, and refuses it. Raises BadInput for a metric that
+        the run was not scored by, naming the command, and for a distance between sets of images,
+        which has no value for a single image.
         """
         run = self
         for metric_id in wanted:
@@ -308,11 +323,11 @@ class Run:
 
 
 def read_run(directory: Path, manifest: dict[str, Any] | None = None) -> Run:
-    """Return a finished run whose images were scored, or one with this manifest.
+    """Read a run whose images were scored: a finished one, or one that goes on with its manifest.
 
-    The jobs of the latter are listed. The records are read part by part. Raises
-    BadInput for anything else, where they cannot be read, for a manifest that does not describe
-    them, and for a suite that makes its tables itself.
+    The records are read part by part. Raises BadInput where the folder has no such run, where its
+    records cannot be read or are not those that the manifest describes, and for a suite that makes
+    its tables itself.
     """
     if manifest is None:
         manifest = read_finished(directory)
@@ -340,13 +355,15 @@ def read_run(directory: Path, manifest: dict[str, Any] | None = None) -> Run:
         if reason := _why_unrecognised(run):
             run.skipped[metric] = f"skipped: {reason}"
         else:
-            answers = confidences(run.cells, run.features[VIEWS], read_class_head(VIEWS_WEIGHTS))
+            answers = confidences(
+                run.image_sets, run.features[VIEWS], read_class_head(VIEWS_WEIGHTS)
+            )
             run = run.with_metric(metric, pd.concat(answers))
     return run
 
 
 def _refuse_missing(directory: Path, jobs: pd.DataFrame) -> None:
-    """Raise BadInput where the store has not all jobs of the manifest: means would be of fewer."""
+    """Raise BadInput where the store lacks jobs: means would be over fewer objects."""
     missing = jobs.loc[jobs["planned"] == 0, JOB]
     if len(missing):
         raise BadInput(
@@ -357,23 +374,25 @@ def _refuse_missing(directory: Path, jobs: pd.DataFrame) -> None:
 
 
 def unmeasured(jobs: pd.DataFrame, reasons: Mapping[str, str]) -> dict[str, str]:
-    """Return why metrics by a network have no value at all, where images exist.
+    """Return why metrics that need a network have no value at all, though images exist.
 
-    `reasons` are those of extractors that a run does not have.
+    reasons  by extractor (the network whose features a metric takes), why the run does not have it
     """
     if not jobs["drawn"].any():
         return {}
-    return {
-        metric: reasons.get(extractor, f"skipped: {extractor} is not measured")
-        for metric in IMAGE_METRICS
-        if (extractor := METRICS[metric].extractor)
-        and f"{column(metric)}_sum" in jobs
-        and not jobs[f"{column(metric)}_count"].any()
-    }
+    without_values = {}
+    for metric in IMAGE_METRICS:
+        extractor = METRICS[metric].extractor
+        if not extractor or f"{column(metric)}_sum" not in jobs:
+            continue
+        if not jobs[f"{column(metric)}_count"].any():
+            reason = reasons.get(extractor, f"skipped: {extractor} is not measured")
+            without_values[metric] = reason
+    return without_values
 
 
 def _why_unrecognised(run: Run) -> str:
-    """Return why the bundled classifier cannot judge the features of a run; empty if it can."""
+    """Return why the bundled classifier cannot judge a run's features; an empty text if it can."""
     if VIEWS not in run.features:
         return f"no features of {VIEWS} in this run"
     bundled = f"{find_extractor(VIEWS).version} {file_sha256(VIEWS_WEIGHTS)}"
@@ -393,12 +412,12 @@ def in_order(records: pd.DataFrame, manifest: Mapping[str, Any], by: Sequence[st
     The sort is stable.
     """
     ranks = {
-        column: {name: i for i, name in enumerate(manifest[plural])}
-        for column, plural in (("method", "methods"), ("condition", "conditions"))
+        "method": {name: rank for rank, name in enumerate(manifest["methods"])},
+        "condition": {name: rank for rank, name in enumerate(manifest["conditions"])},
     }
-    return records.sort_values(
-        list(by),
-        key=lambda values: values.map(ranks[str(values.name)]) if values.name in ranks else values,
-        kind="stable",
-        ignore_index=True,
-    )
+
+    def sort_key(values: pd.Series[Any]) -> pd.Series[Any]:
+        name = str(values.name)
+        return values.map(ranks[name]) if name in ranks else values
+
+    return records.sort_values(list(by), key=sort_key, kind="stable", ignore_index=True)

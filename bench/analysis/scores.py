@@ -19,7 +19,7 @@ import pandas as pd
 from numpy.typing import NDArray
 
 from bench.analysis.comparison import NAN, mean_estimate
-from bench.analysis.distances import CellKey, FeatureDistances
+from bench.analysis.distances import FeatureDistances, ImageSet
 from bench.analysis.intervals import clipped, jackknife_interval, mean_interval, median_interval
 from bench.analysis.paper import AVERAGE
 from bench.analysis.recognition import true_gallery
@@ -35,7 +35,7 @@ from bench.catalogue.metrics import (
 )
 from bench.judges import answers as judge
 from bench.records.frames import ImageKey, read_records
-from bench.records.record import GROUND_TRUTH, JOB
+from bench.records.record import GROUND_TRUTH
 from data_prep.arrays import Floats
 
 NO_VALUE = "no value"
@@ -45,43 +45,68 @@ NO_VALUE = "no value"
 # n_ok, n            images that exist and have a value, images there should be
 # paper              the published value, on the paper's data
 # failures_as_blank  the value with a blank image in place of each failed one
-# note               why there is no value, or the reasons of the failures and how many existing
-#                    images have no value; for a chosen method first which method it is
-# debiased           a Frechet distance without the bias of few objects (`Distance.debiased`)
+# note               why there is no value, or why images failed and how many existing images have
+#                    no value; in a row that chooses a method (`best-classical`) first its id
+# debiased           a Fréchet distance without the bias of few objects (`Distance.debiased`)
 # trained_on         the objects that a network was trained on; "nothing" for methods that are not
 #                    trained, empty where it is unknown
-# objective          what the weights of a network were trained with; empty for other methods
+# objective          the losses that a network was trained with; empty for other methods
 VALUE_COLUMNS = (
-    *("suite", "method", "condition", "class", "metric", "value", "ci_low", "ci_high", "n_ok", "n"),
-    *("paper", "failures_as_blank", "note", "debiased", "trained_on", "objective"),
+    "suite",
+    "method",
+    "condition",
+    "class",
+    "metric",
+    "value",
+    "ci_low",
+    "ci_high",
+    "n_ok",
+    "n",
+    "paper",
+    "failures_as_blank",
+    "note",
+    "debiased",
+    "trained_on",
+    "objective",
 )
-# Columns that no file has.
-# images_of   the method whose images they are: of a chosen one that which it is
+# Columns of the frame that are not written to a file.
+# images_of   the method that drew the images: `method` itself, or the one that a row like
+#             `best-classical` has chosen
 # skipped     whether the metric was not measured
 # undefined   number of existing images without a value
 # failed      whether images are missing
 # per_object  what the interval was made from, float64 [G]: by a metric of images the mean of each
 #             object that has a value, by a distance of sets the distance without each block of
 #             objects (`bench.metrics.frechet`)
-# objects     number of objects of the cell, with images or without
+# objects     number of objects, with images or without
 HIDDEN = ("images_of", "skipped", "undefined", "failed", "per_object", "objects")
-NOTHING: Mapping[str, Any] = {
-    **dict.fromkeys(("value", "ci_low", "ci_high", "paper", "failures_as_blank", "debiased"), NAN),
-    **{"note": "", "trained_on": "", "objective": ""},
-    **{"skipped": False, "undefined": 0, "per_object": np.empty(0)},
+# The columns of a value that does not exist.
+EMPTY_VALUES: Mapping[str, Any] = {
+    "value": NAN,
+    "ci_low": NAN,
+    "ci_high": NAN,
+    "paper": NAN,
+    "failures_as_blank": NAN,
+    "debiased": NAN,
+    "note": "",
+    "trained_on": "",
+    "objective": "",
+    "skipped": False,
+    "undefined": 0,
+    "per_object": np.empty(0),
 }
 
 
 def image_rows(run: Run, metrics: Sequence[str], blanks: bool = False) -> pd.DataFrame:
-    """Return the means over objects by metrics of images, for all cells.
+    """Return the means over objects by metrics of images, for all methods, conditions and classes.
 
     With `blanks` values and intervals are those with a blank image in place of each failed one.
     """
 
-    def value_of(cell: CellKey, metric: str) -> dict[str, Any]:
+    def value_of(image_set: ImageSet, metric: str) -> dict[str, Any]:
         if metric in run.skipped:
             return _skipped(run.skipped[metric])
-        return _mean_of_objects(run, cell, metric, blanks)
+        return _mean_of_objects(run, image_set, metric, blanks)
 
     return _frame(run, metrics, value_of)
 
@@ -90,16 +115,18 @@ def _skipped(reason: str) -> dict[str, Any]:
     return {"note": reason, "skipped": True}
 
 
-def _mean_of_objects(run: Run, cell: CellKey, metric: str, blanks: bool) -> dict[str, Any]:
-    drawn, _ = run.images(cell)
-    missing = drawn - run.scored(cell, metric)
+def _mean_of_objects(run: Run, image_set: ImageSet, metric: str, blanks: bool) -> dict[str, Any]:
+    drawn, _ = run.images(image_set)
+    missing = drawn - run.scored(image_set, metric)
     undefined = metric_facts(metric).undefined
-    existing = run.per_object(cell, metric)
-    with_blanks = run.per_object(cell, metric, blanks=True)
+    existing = run.per_object(image_set, metric)
+    with_blanks = run.per_object(image_set, metric, blanks=True)
     per_object = with_blanks if blanks else existing
     estimate = mean_estimate(metric, per_object)
     as_blank = mean_estimate(metric, with_blanks).value
-    if missing and not undefined:  # an error, and shows as such
+    if missing and not undefined:
+        # A metric that is defined for every image has no value for some: a mean of the others
+        # would hide that error.
         estimate, as_blank = estimate._replace(value=NAN), NAN
     return {
         "value": estimate.value,
@@ -112,7 +139,7 @@ def _mean_of_objects(run: Run, cell: CellKey, metric: str, blanks: bool) -> dict
 
 
 def set_rows(run: Run, metric: str) -> pd.DataFrame:
-    """Return the distances to the true images of the same views by a set metric, for all cells."""
+    """Return the distances between each method's images and the true ones by a set metric."""
     extractor = extractor_of(metric)
     features, reason = run.features.get(extractor), run.skipped.get(extractor, "")
     return distance_rows(run, metric, metric in KERNEL_METRICS, features, reason)
@@ -125,26 +152,32 @@ def distance_rows(
     features: FeatureDistances | None,
     reason: str = "",
 ) -> pd.DataFrame:
-    """Return the distances by features, for all cells; `reason` says why there are no features."""
+    """Return the distances between each method's images and the true ones, by their features.
 
-    def value_of(cell: CellKey, metric: str) -> dict[str, Any]:
-        return _skipped(reason) if features is None else _distance(cell, features, kernel)
+    metric    name of the distance
+    kernel    whether it is a kernel distance, else a Fréchet distance
+    features  None where the run has none, for the `reason`
+    """
+
+    def value_of(image_set: ImageSet, metric: str) -> dict[str, Any]:
+        return _skipped(reason) if features is None else _distance(image_set, features, kernel)
 
     return _frame(run, [metric], value_of)
 
 
-def _distance(cell: CellKey, features: FeatureDistances, kernel: bool) -> dict[str, Any]:
-    _, condition, class_name = cell
-    drawn = features.images(*cell)
+def _distance(image_set: ImageSet, features: FeatureDistances, kernel: bool) -> dict[str, Any]:
+    _, condition, class_name = image_set
+    drawn = features.images(*image_set)
     if len(drawn) < 2:
         return {"note": "fewer than two images"}
-    distance = features.distance(cell, drawn, kernel)
-    true = features.images(GROUND_TRUTH, "", class_name)
-    wanted = set() if drawn == true else set(true) - set(drawn)  # sets of all images take memory
-    missing = wanted & set(features.images(FLOOR, condition, class_name)) if wanted else wanted
+    distance = features.distance(image_set, drawn, kernel)
     with_blank = distance
-    if missing:
-        with_blank = features.distance(cell, sorted([*drawn, *missing]), kernel)
+    true = features.images(GROUND_TRUTH, "", class_name)
+    if drawn != true:  # only then: sets of all images take memory
+        missing = set(true) - set(drawn)
+        missing &= set(features.images(FLOOR, condition, class_name))
+        if missing:
+            with_blank = features.distance(image_set, sorted([*drawn, *missing]), kernel)
     low, high = distance.interval
     return {
         "value": distance.value,
@@ -163,48 +196,56 @@ def recognition_rows(run: Run) -> pd.DataFrame:
     objects; retrieval is the share of an object's images, in the mean over objects.
     """
     answers, metrics = run.features.get(JUDGE), run.suite.control_metrics
-    values: dict[tuple[CellKey, str], Mapping[str, Any]] = {}
+    values: dict[ImageSet, Mapping[str, Mapping[str, Any]]] = {}
     galleries: dict[str, judge.Gallery] = {}
-    for cell in run.cells:
+    for image_set in run.image_sets:
         if answers is None:
-            of_metrics = [_skipped(run.skipped.get(JUDGE, ""))] * len(metrics)
-        else:
-            if cell[2] not in galleries:
-                galleries = {cell[2]: true_gallery(answers, cell[2])}  # of one class at a time
-            columns = ("object", "view", "azimuth_deg", "elevation_deg", "outcome")
-            images = read_records(run.directory, columns, **dict(zip(JOB[:3], cell, strict=True)))
-            of_metrics = _recognised(metrics, cell, images, answers, galleries[cell[2]])
-        values |= {(cell, metric): value for metric, value in zip(metrics, of_metrics, strict=True)}
-    return _frame(run, metrics, lambda cell, metric: values[cell, metric])
+            skipped = _skipped(run.skipped.get(JUDGE, ""))
+            values[image_set] = dict.fromkeys(metrics, skipped)
+            continue
+        method, condition, class_name = image_set
+        if class_name not in galleries:
+            # Of one class at a time, as classes follow each other and a gallery takes memory.
+            galleries = {class_name: true_gallery(answers, class_name)}
+        columns = ("object", "view", "azimuth_deg", "elevation_deg", "outcome")
+        only = {"method": method, "condition": condition, "class": class_name}
+        images = read_records(run.directory, columns, **only)
+        values[image_set] = _recognised(metrics, image_set, images, answers, galleries[class_name])
+    return _frame(run, metrics, lambda image_set, metric: values[image_set][metric])
 
 
 def _recognised(
     metrics: Sequence[str],
-    cell: CellKey,
+    image_set: ImageSet,
     images: pd.DataFrame,
     answers: FeatureDistances,
     gallery: judge.Gallery,
-) -> list[dict[str, Any]]:
-    """Return what is recognised in a cell, by metric. `images` are its records."""
-    nothing = {"retrieval": why} if (why := judge.why_no_retrieval(gallery)) else {}
+) -> dict[str, dict[str, Any]]:
+    """Return the values of a set of images by metric.
+
+    images   the records of the set, one row an image
+    answers  the judge's answers to all images of the run
+    gallery  the true images among which an object is looked for
+    """
+    without_value: dict[str, str] = {}
+    if reason := judge.why_no_retrieval(gallery):
+        without_value["retrieval"] = reason
     drawn, failed = (images[images["outcome"] == outcome] for outcome in ("ok", "failed"))
     if drawn.empty:
-        return [{"note": nothing.get(metric, "no images")} for metric in metrics]
-    # Under the same condition, though a blank image does not depend on it: it may be missing or
-    # failed under another.
-    of_blank = (FLOOR, *cell[1:])
+        return {metric: {"note": without_value.get(metric, "no images")} for metric in metrics}
+    # Blank images do not depend on the condition, but may be missing or failed under another one.
+    of_blank = (FLOOR, *image_set[1:])
     known = set(answers.images(*of_blank)) if len(failed) else set()
     failed = failed[[image in known for image in _image_keys(failed)]]
-    parts = [
-        (rows, answers.of(*place, _image_keys(rows)))
-        for place, rows in ((cell, drawn), (of_blank, failed))
-        if len(rows)
-    ]
+    parts = [(drawn, answers.of(*image_set, _image_keys(drawn)))]
+    if len(failed):
+        parts.append((failed, answers.of(*of_blank, _image_keys(failed))))
     with_blank_objects = np.concatenate([rows["object"].to_numpy() for rows, _ in parts])
-    objects, of_metrics = with_blank_objects[: len(drawn)], []
+    objects = with_blank_objects[: len(drawn)]
+    of_metrics: dict[str, dict[str, Any]] = {}
     for metric in metrics:
-        if metric in nothing:
-            of_metrics.append({"note": nothing[metric]})
+        if metric in without_value:
+            of_metrics[metric] = {"note": without_value[metric]}
             continue
         with_blank = np.concatenate([_per_image(metric, gallery, *part) for part in parts])
         values = with_blank[: len(drawn)]
@@ -214,26 +255,29 @@ def _recognised(
         else:
             low, high = median_interval(values, objects)
             value, as_blank = float(np.median(values)), float(np.median(with_blank))
-        of_metrics.append(
-            {"value": value, "ci_low": low, "ci_high": high, "failures_as_blank": as_blank}
-        )
+        of_metrics[metric] = {
+            "value": value,
+            "ci_low": low,
+            "ci_high": high,
+            "failures_as_blank": as_blank,
+        }
     return of_metrics
 
 
 def _means_of_objects(values: Floats, objects: NDArray[Any]) -> Floats:
-    """Return the mean [G] of the values [n] of each object, by the objects [n] of the values."""
+    """Return the mean [G] of each object's values; `objects` [n] names the object of each value."""
     return np.asarray(pd.Series(values).groupby(objects).mean(), np.float64)
 
 
 def _image_keys(records: pd.DataFrame) -> list[ImageKey]:
-    """Return object and view of each record."""
+    """Return the object and the view of each record."""
     return list(zip(records["object"].tolist(), records["view"].tolist(), strict=True))
 
 
 def _per_image(
     metric: str, gallery: judge.Gallery, records: pd.DataFrame, answered: NDArray[Any]
 ) -> Floats:
-    """Return the error or the hit of each record's image, in their order."""
+    """Return for each image the error of its angle in degrees, or whether its object was found."""
     if metric == "azimuth-error-deg":
         return judge.azimuth_error_deg(answered, records["azimuth_deg"].to_numpy())
     if metric == "elevation-error-deg":
@@ -242,7 +286,7 @@ def _per_image(
 
 
 def class_rows(run: Run, metrics: Sequence[str]) -> pd.DataFrame:
-    """Return metric by metric the rows of each class, and last the means over classes."""
+    """Return for each metric the rows class by class, and then the means over classes."""
     of_metrics = (
         image_rows(run, [metric]) if is_mean(metric) else set_rows(run, metric)
         for metric in metrics
@@ -251,22 +295,26 @@ def class_rows(run: Run, metrics: Sequence[str]) -> pd.DataFrame:
 
 
 def with_averages(of_metric: pd.DataFrame) -> pd.DataFrame:
-    """Return the rows of a metric class by class, and last the means over classes.
+    """Return the rows of a metric class by class, and then the means over classes.
 
-    These are of the same classes for all methods: of those in which any of them has a value.
+    The mean of every method is over the same classes: those in which any method has a value.
     """
     valued = of_metric[np.isfinite(of_metric["value"])]
     known = valued.groupby("condition")["class"].agg(set).to_dict()
-    averages = [
-        _average(of_cell, known.get(of_cell["condition"].iloc[0], set()))
-        for _, of_cell in of_metric.groupby(["method", "condition"], sort=False)
-    ]
+    averages = []
+    for _, of_method in of_metric.groupby(["method", "condition"], sort=False):
+        condition = of_method["condition"].iloc[0]
+        averages.append(_average(of_method, known.get(condition, set())))
     by_class = [of_class for _, of_class in of_metric.groupby("class", sort=False)]
     return pd.concat([*by_class, pd.DataFrame(averages)], ignore_index=True)
 
 
 def _average(rows: pd.DataFrame, classes: AbstractSet[str]) -> dict[str, Any]:
-    """Return the mean over the classes, each counting alike; none where one has no value."""
+    """Return the row of the mean over the classes, each counting alike.
+
+    rows     of one method at one condition, one for each class
+    classes  the classes of the mean; it has no value where one of them has none
+    """
     first, metric = rows.iloc[0], rows["metric"].iloc[0]
     valued = rows[rows["class"].isin(classes)]
     missing = valued.loc[~np.isfinite(valued["value"]), "class"]
@@ -275,14 +323,22 @@ def _average(rows: pd.DataFrame, classes: AbstractSet[str]) -> dict[str, Any]:
         name: float(np.mean(valued[name].to_list())) if len(valued) else NAN
         for name in ("value", "debiased", "failures_as_blank")
     }
-    samples, mean = valued["per_object"].tolist(), is_mean(metric)
-    interval = mean_interval(*samples) if mean else jackknife_interval(means["value"], samples)
+    samples = valued["per_object"].tolist()
+    if is_mean(metric):
+        interval = mean_interval(*samples)
+    else:
+        interval = jackknife_interval(means["value"], samples)
     low, high = clipped(interval, value_range(metric))
-    parts = {"no value in": missing, "without": left_out}
-    note = "; ".join(f"{words} {', '.join(names)}" for words, names in parts.items() if len(names))
+    remarks = []
+    if len(missing):
+        remarks.append(f"no value in {', '.join(missing)}")
+    if len(left_out):
+        remarks.append(f"without {', '.join(left_out)}")
+    note = "; ".join(remarks)
+    sums = {name: int(rows[name].sum()) for name in ("n_ok", "n", "undefined", "objects")}
     return {
         **first,
-        **{name: int(rows[name].sum()) for name in ("n_ok", "n", "undefined", "objects")},
+        **sums,
         **means,
         "class": AVERAGE,
         "ci_low": low,
@@ -294,26 +350,33 @@ def _average(rows: pd.DataFrame, classes: AbstractSet[str]) -> dict[str, Any]:
 
 
 def _frame(
-    run: Run, metrics: Sequence[str], value_of: Callable[[CellKey, str], Mapping[str, Any]]
+    run: Run, metrics: Sequence[str], value_of: Callable[[ImageSet, str], Mapping[str, Any]]
 ) -> pd.DataFrame:
-    """Return a row for each cell and metric, with the counts of images and why some failed."""
+    """Return a row for each set of images and metric, with how many images exist and why some fail.
+
+    value_of  returns the columns of a value that differ from EMPTY_VALUES
+    """
     rows = []
-    for cell, metric in product(run.cells, metrics):
-        row = {**NOTHING, **value_of(cell, metric)}
-        drawn, planned = run.images(cell)
-        reasons = run.reasons.get(cell, Counter()).most_common()
-        message = [f"{n} x {reason}" for reason, n in reasons]
+    for image_set, metric in product(run.image_sets, metrics):
+        method, condition, class_name = image_set
+        row = {**EMPTY_VALUES, **value_of(image_set, metric)}
+        drawn, planned = run.images(image_set)
+        reasons = run.reasons.get(image_set, Counter()).most_common()
+        message = [f"{count} x {reason}" for reason, count in reasons]
         if row["undefined"]:
             message.append(f"{row['undefined']} x {NO_VALUE}: {metric_facts(metric).undefined}")
-        row |= dict(zip(JOB, cell, strict=False)) | {
+        row |= {
             "suite": run.suite.id,
+            "method": method,
+            "condition": condition,
+            "class": class_name,
             "metric": metric,
             "n_ok": drawn - row["undefined"],
             "n": planned,
             "note": row["note"] or "; ".join(message),
-            "images_of": cell[0],
+            "images_of": method,
             "failed": drawn < planned,
-            "objects": len(run.objects(cell)),
+            "objects": len(run.objects(image_set)),
         }
         rows.append(row)
     return pd.DataFrame(rows, columns=[*VALUE_COLUMNS, *HIDDEN])

@@ -19,13 +19,14 @@ from bench.records.frames import read_scores, scored_metrics
 from bench.records.record import JOB
 from data_prep.failures import BadInput
 
-INVENTED = ("invented-holes", "invented-parts")
-WORST, SHARE = "worst-1-percent", "images-percent"
-# value         by `statistic`: the mean of the metric over the worst 1 % of the images, or the
-#               share of the images with a value above 0, in per cent
+INVENTED = ("invented-holes", "invented-parts")  # metrics on request, without which are no tails
+WORST = "worst-1-percent"  # statistic: the mean of the metric over the worst 1 % of the images
+SHARE = "images-percent"  # statistic: the share of the images with a value above 0, in per cent
+# statistic     WORST or SHARE, which suits the metric, and `value`, its value
 # n_ok, n       images that exist, images there should be
-# worst         value of the worst image, which `worst_object`, as class/object, and `worst_view`
-#               name; both are empty where all values are 0
+# worst         the metric of the worst image
+# worst_object  the object of the worst image, as class/object; empty where all values are 0
+# worst_view    number of its view; empty where all values are 0
 TAIL_COLUMNS = (
     "suite",
     "method",
@@ -40,7 +41,7 @@ TAIL_COLUMNS = (
     "worst_object",
     "worst_view",
 )
-_HUNDREDTH = 100  # one image in so many counts as among the worst
+_ONE_OF = 100  # images, of which one counts as among the worst
 
 
 def tail_images(run: Run) -> pd.DataFrame:
@@ -52,34 +53,51 @@ def tail_images(run: Run) -> pd.DataFrame:
     images = run.read_images((*JOB, "view", "outcome", "lpips"))
     if "lpips" in run.skipped:
         images = images.drop(columns="lpips")
-    kept = [*JOB, "view"]
     for metric in sorted({*INVENTED} & {*scored_metrics(run.directory)}):
-        with suppress(BadInput):  # the table of the metric itself says so
-            values = read_scores(run.directory, metric)[1].rename(columns={"value": metric})
-            images = images.merge(values, how="left", on=kept)
+        with suppress(BadInput):  # scores of images that have changed: the metric's table says so
+            _, scores = read_scores(run.directory, metric)
+            values = scores.rename(columns={"value": metric})
+            images = images.merge(values, how="left", on=[*JOB, "view"])
     metrics = [name for name in ("lpips", *INVENTED) if name in images]
-    place = kept[1:]
-    blank = images.loc[images["method"] == FLOOR, [*place, *metrics]]
-    of_blank = images[place].merge(blank, how="left", on=place)[metrics]
+    same_image = [*JOB[1:], "view"]  # columns that a method's image shares with the blank one
+    blank = images.loc[images["method"] == FLOOR, [*same_image, *metrics]]
+    of_blank = images[same_image].merge(blank, how="left", on=same_image)[metrics]
     images[metrics] = images[metrics].where(images["outcome"] == "ok", of_blank)
     return images
 
 
 def tail_rows(images: pd.DataFrame, suite: str) -> pd.DataFrame:
-    """Return a row for each metric, condition and method that has values: TAIL_COLUMNS.
+    """Return a row with TAIL_COLUMNS for each metric, condition and method that has values.
 
-    `images` are as `tail_images` returns them, methods and conditions in the order of the rows.
+    images  as `tail_images` returns them; the rows are in their order of conditions and methods
     """
     classes = images["class"].unique()
     class_name = str(classes[0]) if len(classes) == 1 else ALL
     rows = []
-    for metric in (name for name in ("lpips", *INVENTED) if name in images):
-        for (condition, method), of_cell in images.groupby(["condition", "method"], sort=False):
-            known = of_cell[of_cell[metric].notna()]
-            if len(known):
-                cell = suite, method, condition, class_name, metric
-                numbers = int((of_cell["outcome"] == "ok").sum()), len(of_cell)
-                rows.append((*cell, *_statistic(known[metric]), *numbers, *_worst(known, metric)))
+    metrics = [name for name in ("lpips", *INVENTED) if name in images]
+    for metric in metrics:
+        for (condition, method), of_method in images.groupby(["condition", "method"], sort=False):
+            known = of_method[of_method[metric].notna()]
+            if known.empty:
+                continue
+            statistic, value = _statistic(known[metric])
+            worst, worst_object, worst_view = _worst(known, metric)
+            rows.append(
+                {
+                    "suite": suite,
+                    "method": method,
+                    "condition": condition,
+                    "class": class_name,
+                    "metric": metric,
+                    "statistic": statistic,
+                    "value": value,
+                    "n_ok": int((of_method["outcome"] == "ok").sum()),
+                    "n": len(of_method),
+                    "worst": worst,
+                    "worst_object": worst_object,
+                    "worst_view": worst_view,
+                }
+            )
     return pd.DataFrame(rows, columns=list(TAIL_COLUMNS))
 
 
@@ -87,12 +105,12 @@ def _statistic(values: pd.Series[float]) -> tuple[str, float]:
     """Return the name of the statistic that suits the metric, and its value for these images."""
     if values.name in INVENTED:
         return SHARE, 100.0 * float((values > 0).mean())
-    count = math.ceil(len(values) / _HUNDREDTH)
+    count = math.ceil(len(values) / _ONE_OF)
     return WORST, float(values.nlargest(count).mean())
 
 
 def _worst(images: pd.DataFrame, metric: str) -> tuple[float, str, str]:
-    """Return the value of the worst image, the first of several, its object and its view."""
+    """Return the value of the worst image, its object and its view; of equal ones the first."""
     image: Any = images[images[metric] == images[metric].max()].iloc[0]
     if image[metric] == 0:
         return 0.0, "", ""

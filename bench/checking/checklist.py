@@ -10,7 +10,7 @@ from typing import Any, NamedTuple
 import pandas as pd
 from threadpoolctl import threadpool_limits
 
-from bench.analysis.distances import CellKey
+from bench.analysis.distances import ImageSet
 from bench.analysis.paper import NETWORK, SURFACE
 from bench.analysis.recognition import true_gallery
 from bench.analysis.scored_run import read_run
@@ -252,7 +252,7 @@ def _quality_evidence(
     judged = scored.features.get(JUDGE)
     return QualityEvidence(
         compared,
-        {} if judged is None else _retrieval_of_chairs(scored.cells, judged),
+        {} if judged is None else _retrieval_of_chairs(scored.image_sets, judged),
         _trainings(known),
         tuple(subjects),
         seed_spreads(),
@@ -276,7 +276,7 @@ def _trainings(methods: Iterable[str]) -> dict[str, Training]:
     return trainings
 
 
-def _retrieval_of_chairs(cells: Iterable[CellKey], judged: Features) -> dict[tuple[str, str], Any]:
+def _retrieval_of_chairs(cells: Iterable[ImageSet], judged: Features) -> dict[tuple[str, str], Any]:
     """Return the share of each chair's images by which the judge finds it, [G].
 
     It is by method and condition; empty without chairs, and where the gallery is too small.

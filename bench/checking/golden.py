@@ -35,7 +35,7 @@ from bench.records.run_folder import COLOURED, TRUTH, read_finished
 from bench.running.options import Options
 from bench.suites.stability.outcomes import read_outcomes, unexpected
 from bench.tables.build import class_orderings, condition_sweep, tables
-from bench.tables.grid import records
+from bench.tables.grid import row_mappings
 from bench.tables.published import golden, golden_name, golden_path
 from bench.tables.table import TABLES, Table, table_files
 from data_prep.failures import BadInput
@@ -325,7 +325,7 @@ def _stale_tables(directory: Path, written: Sequence[Table]) -> list[str]:
 
 
 def _rows(own_tables: Iterable[Table]) -> list[dict[str, Any]]:
-    return [row for table in own_tables for row in records(table.frame)]
+    return [row for table in own_tables for row in row_mappings(table.frame)]
 
 
 def _cell(row: Mapping[str, Any]) -> tuple[Any, ...]:

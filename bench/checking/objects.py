@@ -64,7 +64,7 @@ def _object_values(run: Run) -> pd.DataFrame:
     """
     metrics = [*run.suite.image_metrics, *run.suite.detail_metrics]
     frames = []
-    for cell in run.cells:
+    for cell in run.image_sets:
         _, planned = run.numbers(cell)
         values = {metric: run.per_object(cell, metric) for metric in metrics}
         keys = dict(zip(KEY, (*cell, run.objects(cell)), strict=True))

@@ -25,7 +25,7 @@ from bench.commands.options import (
 )
 from bench.records.run_folder import locked_run
 from bench.running.options import file_name
-from bench.tables.grid import records
+from bench.tables.grid import row_mappings
 from bench.tables.markdown import visible
 from bench.tables.terminal import terminal_width
 from data_prep.datasets.dataset import first_names
@@ -127,7 +127,7 @@ def compare(
     ] = None,
 ) -> None:
     """Compare two runs, or two methods of one, object by object: who is ahead, and is it shown."""
-    from bench.analysis.run_pairs import methods_of_run, runs
+    from bench.analysis.run_pairs import compare_methods, compare_runs
     from bench.commands.printing import in_format
     from bench.report.run_figures import write_differences
     from bench.tables.differences import comparison_lines, differences_table
@@ -137,16 +137,16 @@ def compare(
     if len(directories) > 2:
         raise BadInput(f"{len(directories)} folders: two runs are compared; give one or two")
     if len(directories) == 1:
-        differences = methods_of_run(directories[0], names(methods) or (), names(metric))
+        differences = compare_methods(directories[0], names(methods) or (), names(metric))
     else:
         first, second = directories
-        differences = runs(first, second, names(methods), names(metric))
-    if differences.cells.empty:
+        differences = compare_runs(first, second, names(methods), names(metric))
+    if differences.rows.empty:
         raise BadInput(
             f"{' '.join(map(str, directories))}: no object has true images and scores on both "
             "sides, so nothing is compared; 'bench report DIR' shows what failed"
         )
-    not_decided = "" if fail_on is None else _not_decided(differences.cells, directories)
+    not_decided = "" if fail_on is None else _not_decided(differences.rows, directories)
     folder = out or directories[-1] / _COMPARISONS / file_name(
         Path(differences.a).name, Path(differences.b).name
     )
@@ -170,7 +170,7 @@ def compare(
         print(in_format([table], Format(format_)), end="")
     if not_decided:
         print(f"bench: {visible(not_decided)}", file=sys.stderr)
-    if fail_on is not None and (differences.cells["ahead"] == "a").any():
+    if fail_on is not None and (differences.rows["ahead"] == "a").any():
         raise typer.Exit(1)
 
 
@@ -204,7 +204,7 @@ def _not_decided(cells: pd.DataFrame, directories: Sequence[Path]) -> str:
     named = [
         f"{row['metric']} of {row['method_b']} at {row['condition']} in {row['class']} "
         f"({row['objects']})"
-        for row in records(left)
+        for row in row_mappings(left)
     ]
     return (
         f"--fail-on: {len(left)} of {len(cells)} cells are not decided, as they have fewer than "

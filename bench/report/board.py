@@ -21,8 +21,8 @@ from bench.catalogue.methods import (
 from bench.catalogue.metrics import METRICS, higher_is_better
 from bench.tables.grid import FEWER, MOVED
 
-HEADLINE = ("ssim-object", "lpips")  # before others of a suite
-_WORDS = {
+HEADLINE_METRICS = ("ssim-object", "lpips")  # stand before the other metrics of a suite
+_WORDS = {  # what stands beside a method's name, by its id or by its role
     "ceiling": "reference: the true mesh",
     "floor": "reference: sees no cloud",
     RECOMMENDED: "recommended",
@@ -33,10 +33,11 @@ _WORDS = {
 class BoardCell(NamedTuple):
     """A cell of a leaderboard.
 
-    value    number that its column is sorted by; None comes last
-    letters  letters of a rank
-    beneath  small words beneath the value
-    caveat   words that speak against the value
+    text     the value as people read it
+    value    the number by which its column is sorted; None comes last
+    letters  letters of a rank: methods that share one do not differ significantly
+    beneath  a remark in small letters beneath the value
+    caveat   what speaks against the value
     """
 
     text: str
@@ -46,13 +47,17 @@ class BoardCell(NamedTuple):
     caveat: str = ""
 
 
-EMPTY = BoardCell("–")
+EMPTY = BoardCell("–")  # of a method without a value
 
 
 class BoardColumn(NamedTuple):
-    """A column of a leaderboard: what it has, and the cells of the methods that have one.
+    """A column of a leaderboard.
 
-    placed  whether it is a metric in which methods have places
+    title    what its values are, in full
+    cells    by the name of a method, for those that have a value
+    numeric  whether it is sorted by numbers
+    higher   whether a higher value is better
+    placed   whether it is a metric, in which methods have places
     """
 
     name: str
@@ -64,11 +69,11 @@ class BoardColumn(NamedTuple):
 
 
 class BoardGroup(NamedTuple):
-    """Columns under one head; a group without a name has columns of their own.
+    """Columns under one common head; columns of a group without a name have none above them.
 
     title  what the values are, in full
     about  the same in a few words, which stand beneath the name
-    link   where the name leads
+    link   address that the name links to
     """
 
     columns: Sequence[BoardColumn]
@@ -79,10 +84,15 @@ class BoardGroup(NamedTuple):
 
 
 def value_cell(value: float, metric: str, method: str, **beside: str) -> BoardCell:
-    """Return the cell of a value without the 0 before the point; `beside` are further fields."""
+    """Return the cell of a value, which is written without a 0 before the point.
+
+    beside  further fields of the cell
+    """
     text = f"{value:.{decimals(metric, method)}f}"
     text = text.removeprefix("0") if text.startswith("0.") else text.replace("-0.", "−.")
-    return BoardCell(MOVED * is_coarse(metric, method) + text, value, **beside)
+    if is_coarse(metric, method):
+        text = MOVED + text
+    return BoardCell(text, value, **beside)
 
 
 def metric_column(metric: str, cells: Mapping[str, BoardCell]) -> BoardColumn:
@@ -99,23 +109,25 @@ def leaderboard(
     competing: Collection[str],
     notes: Sequence[str],
 ) -> dict[str, Any]:
-    """Return the leaderboard of values, every method in a row of its own.
+    """Return what the template of a leaderboard shows: every method in a row of its own.
 
-    groups     values; places are those in their columns of metrics
+    groups     columns of values; places are those in their columns of metrics
     further    columns after the mean places
     ids        ids of the catalogue by the names of all methods
     competing  names of the methods that have places
-    notes      follow what the metrics mean
+    notes      stand below, after what the metrics mean
 
-    `caption`, `notes`, `groups` as (number of the first column, BoardGroup), and `rows` in the
-    order of the places: place (or None), name, about, whether it is a reference, cells.
+    It has `caption`, `notes`, `groups` as (number of the group's first column, BoardGroup), and
+    `rows` in the order of the places: place (or None), name, about, whether it is a reference,
+    cells.
     """
-    columns = [column for group in groups for column in group.columns if column.placed]
-    values = [
-        (column.name, {m: cell.value for m, cell in column.cells.items() if cell.value is not None})
-        for column in columns
-    ]
-    places = mean_places(values, {name: ids[name] for name in competing})
+    metric_columns = []
+    for group in groups:
+        metric_columns += [column for column in group.columns if column.placed]
+    places = mean_places(
+        [(column.name, _values(column)) for column in metric_columns],
+        {name: ids[name] for name in competing},
+    )
     placed = sorted(places, key=places.__getitem__)
     others = [name for name in ids if name not in places]
     others.sort(key=lambda name: is_reference(ids[name]))
@@ -125,54 +137,63 @@ def leaderboard(
         {method: BoardCell(f"{place:.1f}", place) for method, place in places.items()},
     )
     groups = (*groups, BoardGroup((mean, *further)))
-    starts = [2 + sum(len(group.columns) for group in groups[:i]) for i in range(len(groups))]
+    numbered_groups = []
+    columns: list[BoardColumn] = []
+    for group in groups:
+        # The first two columns of the page have the place and the name.
+        numbered_groups.append((2 + len(columns), group))
+        columns += group.columns
     rows = [
         {
             "place": place if method in places else None,
             "name": method,
             "about": _WORDS.get(ids[method], _WORDS.get(role(ids[method]), "")),
             "reference": is_reference(ids[method]),
-            "cells": [_cell(column, method, ids) for group in groups for column in group.columns],
+            "cells": [_cell(column, method, ids) for column in columns],
         }
         for place, method in enumerate((*placed, *others), 1)
     ]
-    meanings = "; ".join(f"{c}: {_metric_words(c)}" for c in dict.fromkeys(c.name for c in columns))
-    moved = any(cell.text.startswith(MOVED) for row in rows for cell in row["cells"])
-    return {
-        "caption": caption,
-        "groups": list(zip(starts, groups, strict=True)),
-        "rows": rows,
-        "notes": [f"{meanings}.", *notes, *[f"{FEWER}."] * moved],
-    }
+    metrics = dict.fromkeys(column.name for column in metric_columns)
+    meanings = "; ".join(f"{metric}: {_metric_words(metric)}" for metric in metrics)
+    all_notes = [f"{meanings}.", *notes]
+    if any(cell.text.startswith(MOVED) for row in rows for cell in row["cells"]):
+        all_notes.append(f"{FEWER}.")
+    return {"caption": caption, "groups": numbered_groups, "rows": rows, "notes": all_notes}
+
+
+def _values(column: BoardColumn) -> dict[str, float]:
+    """Return the values of a column by the names of the methods that have one."""
+    return {name: cell.value for name, cell in column.cells.items() if cell.value is not None}
 
 
 def _cell(column: BoardColumn, method: str, ids: Mapping[str, str]) -> BoardCell:
     """Return the cell of a method, which says where a white image is better."""
     cell = column.cells.get(method, EMPTY)
-    blanks = [of_name.value for name, of_name in column.cells.items() if ids[name] == FLOOR]
-    if not column.placed or is_reference(ids[method]) or cell.value is None or not blanks:
+    if not column.placed or is_reference(ids[method]) or cell.value is None:
         return cell
-    blank = blanks[0]
-    below = blank is not None and prints_better(column.name, blank, cell.value, ids[method])
-    caveats = [cell.caveat, "worse than blank" if below else ""]
+    blanks = [value for name, value in _values(column).items() if ids[name] == FLOOR]
+    if not blanks or not prints_better(column.name, blanks[0], cell.value, ids[method]):
+        return cell
+    caveats = [cell.caveat, "worse than blank"]
     return cell._replace(caveat="; ".join(filter(None, caveats)))
 
 
 def is_reference(method_id: str) -> bool:
-    """Return whether a method is shown for comparison, and has no place."""
+    """Return whether a method is shown for comparison only, and has no place."""
     return role(method_id) in ("ceiling", "floor")
 
 
 def _metric_words(metric: str) -> str:
+    """Return what a metric measures, and which values are better."""
     better = "higher is better" if higher_is_better(metric) else "lower is better"
     known = METRICS.get(metric)
     return f"{known.about if known else 'a metric of another package'}; {better}"
 
 
 def trained_on(method_id: str, manifest: Mapping[str, Any] = MappingProxyType({})) -> BoardCell:
-    """Return the objects that a method was trained on, "unknown" where nobody says.
+    """Return the cell with the objects that a method was trained on, or "unknown".
 
-    `manifest` is that of a run which has the method.
+    manifest  of a run that has the method, where it is not of the catalogue
     """
     if is_reference(method_id):
         return EMPTY

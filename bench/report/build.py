@@ -6,6 +6,7 @@ import json
 import re
 import shlex
 from collections.abc import Mapping, Sequence
+from itertools import product
 from pathlib import Path
 from typing import Any
 
@@ -13,7 +14,7 @@ import pandas as pd
 from threadpoolctl import threadpool_limits
 
 from bench.analysis.comparison import ALL, pooled
-from bench.analysis.frontier import places
+from bench.analysis.frontier import frontier_verdicts
 from bench.analysis.paired import verdicts_of
 from bench.analysis.scored_run import in_order
 from bench.catalogue.conditions import condition_words, known_condition
@@ -40,7 +41,7 @@ from bench.report.run_figures import (
 )
 from bench.report.stored import open_sources
 from bench.report.styles import method_styles
-from bench.report.summary import Statement, in_short, objects_in_words
+from bench.report.summary import Statement, counted, in_short, objects_in_words
 from bench.tables.build import Outputs, how_timed
 from bench.tables.frontier import cost_grid
 from bench.tables.table import Table
@@ -48,10 +49,12 @@ from data_prep.clouds.conditions import CONDITIONS
 from data_prep.failures import BadInput
 from data_prep.files.atomic_write import write_whole
 
-REPORT = "report.html"
-_MOST_LISTED = 200  # failures listed for one reason
-_MARKUP = re.compile(r"`|\*\*|\\(.)")  # what remarks have, and escapes
-_NARROW_IN = 4.6  # width of the plot beside the answer
+# Sections of (title, entries), an entry a term and its meaning.
+Glossary = list[tuple[str, list[tuple[str, str]]]]
+REPORT = "report.html"  # in the folder of a run
+_MOST_NAMED = 200  # clouds that are named for one reason of a failure; the others are counted
+_MARKUP = re.compile(r"`|\*\*|\\(.)")  # the Markdown of remarks, which the page has without it
+_NARROW_IN = 4.6  # inches: width of the plot beside the answer
 
 
 def write_report(
@@ -70,7 +73,7 @@ def write_report(
 
 
 def read_page(made: Outputs) -> dict[str, Any]:
-    """Return what the template of a report shows. Raises BadInput as `write_report`."""
+    """Return the values that the template of a report shows. Raises BadInput as `write_report`."""
     run, manifest, suite = made.run, made.run.manifest, made.run.suite
     views = int(manifest["views"])
     headline = run.headline
@@ -79,17 +82,22 @@ def read_page(made: Outputs) -> dict[str, Any]:
     records = in_order(run.read_images((*columns, column(headline[0]))), manifest, by)
     chosen = extremes(records, headline[0])
     sources = open_sources(run.directory, manifest, _shown(records, chosen))
-    of_cost = run.measured(suite.frontier or suite.headline)
+    cost_metrics = run.measured(suite.frontier or suite.headline)
     with threadpool_limits(1):
         compared = run.compared(headline)
-        together = pooled(compared)  # of several classes
+        together = pooled(compared)  # without rows for a single class
         answer = in_short(compared if together.empty else together, headline, views)
-        by_cost, verdicts = run.compared(of_cost), verdicts_of(run, of_cost)
-        points = places(by_cost, views, verdicts)
-        costed = cost_grid(by_cost, of_cost[0], views, verdicts)
+        by_cost, verdicts = run.compared(cost_metrics), verdicts_of(run, cost_metrics)
+        points = frontier_verdicts(by_cost, views, verdicts)
+        costed = cost_grid(by_cost, cost_metrics[0], views, verdicts)
+    for text in run.not_measured:
+        answer = (*answer, Statement("Not measured", (((), text),)))
     unfolded = (made.condition_sweep, made.orderings)
-    every = (made.condition_sweep, *made.tables, made.tails, made.orderings)
-    tables = [table for table in every if table is not None]
+    tables = []
+    for table in (made.condition_sweep, *made.tables, made.tails, made.orderings):
+        if table is not None:
+            remark = _MARKUP.sub(r"\1", table.remark)
+            tables.append((table.title, remark, table.grids(), table in unfolded))
     arguments = ["bench", *map(str, manifest.get("command", [])[1:])]
     glossary = _glossary(manifest, suite, made.tables)
     return {
@@ -101,13 +109,10 @@ def read_page(made: Outputs) -> dict[str, Any]:
         "facts": _facts(manifest),
         "outcomes": [(str(o), int(n)) for o, n in records["outcome"].value_counts().items()],
         "shares": dict(manifest.get("worker_shares", {})),
-        "answer": [*answer, *(Statement("Not measured", (((), t),)) for t in run.not_measured)],
+        "answer": list(answer),
         "headline": compact_table(quality_frame(made.headline.frame)),
         **_plots(made, points),
-        "tables": [
-            (table.title, _MARKUP.sub(r"\1", table.remark), table.grids(), table in unfolded)
-            for table in tables
-        ],
+        "tables": tables,
         "cost_table": costed,
         "cost_remark": how_timed(manifest),
         "grids": grids(records, sources, headline[0]),
@@ -118,26 +123,36 @@ def read_page(made: Outputs) -> dict[str, Any]:
         "command": shlex.join(arguments) if arguments[1:] else f"bench run {suite.id}",
         "manifest": json.dumps(manifest, indent=2, ensure_ascii=False).split("\n"),
         "meanings": glossary,
-        "glossary": {
-            term: (f"{title.lower()}-{number}", meaning)
-            for title, entries in glossary
-            for number, (term, meaning) in enumerate(entries)
-        },
+        "glossary": _anchors(glossary),
     }
 
 
+def _anchors(glossary: Glossary) -> dict[str, tuple[str, str]]:
+    """Return by term the id of its entry on the page, and its meaning."""
+    anchors = {}
+    for title, entries in glossary:
+        for number, (term, meaning) in enumerate(entries):
+            anchors[term] = f"{title.lower()}-{number}", meaning
+    return anchors
+
+
 def _plots(made: Outputs, points: pd.DataFrame) -> dict[str, Any]:
-    """Return the plots of a page, as (title, SVG): of the headline, of the rest, of the cost."""
+    """Return the plots of a page as SVG: `first` of the headline, `curves` of the other metrics.
+
+    `costs` are (metric, SVG); `curves_title` and `curves_remark` stand above the curves.
+    """
     manifest, headline = made.run.manifest, made.run.headline
     styles = method_styles(manifest["methods"])
     shown = quality_panels(made.tables)
     first = [panel for (metric, _), panel in shown.items() if metric in headline]
     others = [panel for (metric, _), panel in shown.items() if metric not in headline]
-    title = "Class by class" if not all(p.joined for p in shown.values()) else "Robustness"
-    remark = _OF_TABLES
     if not made.curves.empty:
-        title, remark, others = "Beyond training", _OF_OBJECTS, family_panels(made.curves)
-    draw = quality_figure if made.curves.empty else family_figure
+        title, remark, draw = "Beyond training", _OF_OBJECTS, family_figure
+        others = family_panels(made.curves)
+    else:
+        by_condition = all(panel.joined for panel in shown.values())
+        title = "Robustness" if by_condition else "Class by class"
+        remark, draw = _OF_TABLES, quality_figure
     frames = [table.frame for table in made.tables]
     failed = any((frame["failed"] & (frame["n_ok"] == 0)).any() for frame in frames)
     all_failed = _ALL_FAILED if failed else ""
@@ -157,16 +172,21 @@ def _plots(made: Outputs, points: pd.DataFrame) -> dict[str, Any]:
 
 
 def _in_words(shown: Sequence[SweepPanel]) -> str:
+    """Return what panels show in words, for readers who do not see them."""
     return " ".join(f"{panel.title or panel.y_label}. {described(panel)}" for panel in shown)
 
 
 def _shown(records: pd.DataFrame, chosen: pd.DataFrame) -> list[JobName]:
-    """Return the jobs whose clouds are shown."""
+    """Return the names of the clouds that the page shows, as jobs without a method.
+
+    chosen  the records that are shown as worst and best cases
+    """
     conditions = list(dict.fromkeys(map(str, records["condition"])))
-    of_grids = [JobName("", c, *obj) for obj in shown_objects(records) for c in conditions]
+    of_grids = [JobName("", at, *obj) for obj, at in product(shown_objects(records), conditions)]
     names = (chosen[name].tolist() for name in ("condition", "class", "object"))
     of_cases = [JobName("", *map(str, of_case)) for of_case in zip(*names, strict=True)]
-    # A condition of another package that failed in the workers could end this process, too.
+    # Clouds are made again in this process. A condition of another package that ended the workers
+    # could end it, too: only conditions are taken at which a method has seen a cloud and drawn it.
     saw_cloud = [m for m in records["method"].unique() if role(m) not in ("ceiling", "floor")]
     drawn = records[(records["outcome"] == "ok") & records["method"].isin(saw_cloud)]
     safe = {known.id for known in CONDITIONS} | {*drawn["condition"]}
@@ -181,30 +201,34 @@ def _head(manifest: Mapping[str, Any], records: pd.DataFrame, truth: Truth) -> l
     of_classes = f" of {len(classes)} classes" if len(classes) > 1 else ""
     methods, views = len(manifest["methods"]), int(manifest["views"])
     head = [
-        f"{objects}{of_classes} × {views} view{'s' * (views != 1)}",
-        f"{methods} method{'s' * (methods > 1)}",
+        f"{objects}{of_classes} × {counted(views, 'view')}",
+        counted(methods, "method"),
         TRUTHS[truth].removeprefix("the "),
     ]
     seconds: Mapping[str, float] = manifest.get("stage_seconds", {})
     if seconds:
         workers = manifest.get("workers")
-        on = f" on {workers} core{'s' * (workers > 1)}" if workers else ""
-        took = sum(seconds.values())
-        head.append((f"{took:.0f} s" if took < 120 else f"{took / 60:.0f} min") + on)
+        duration = sum(seconds.values())
+        text = f"{duration:.0f} s" if duration < 120 else f"{duration / 60:.0f} min"
+        if workers:
+            text += f" on {counted(workers, 'core')}"
+        head.append(text)
     return head
 
 
 def _jobs(directory: Path, records: pd.DataFrame) -> tuple[int, int]:
     """Return the number of jobs of a run, and of those that failed."""
-    keys = ["method", "condition", "class", "object"]
-    failed = records.loc[records["outcome"] != "ok", keys].drop_duplicates()
-    jobs = read_jobs(directory)  # of what sees no cloud one for all conditions, a line for each
-    keys = {tuple(job.name): job.key for job in jobs}
+    columns = ["method", "condition", "class", "object"]
+    failed = records.loc[records["outcome"] != "ok", columns].drop_duplicates()
+    # A method that sees no cloud has one job for all conditions, which is listed at each of them:
+    # its key is the same, and is counted once.
+    keys = {tuple(job.name): job.key for job in read_jobs(directory)}
     names = map(tuple, failed.astype(str).itertuples(index=False))
     return len(set(keys.values())), len({keys.get(name, name) for name in names})
 
 
 def _facts(manifest: Mapping[str, Any]) -> dict[str, str]:
+    """Return what stands in the head of the page on data, time, machine and version."""
     machine = manifest.get("machine", {})
     finished = str(manifest["finished"]).replace("T", " ").replace("+00:00", " UTC")
     return {
@@ -227,34 +251,42 @@ _OF_OBJECTS = (
 _LEFT_OUT = "Left out, because drawn from the mesh behind the cloud:"
 
 
-def _glossary(
-    manifest: Mapping[str, Any], suite: Suite, tables: Sequence[Table]
-) -> list[tuple[str, list[tuple[str, str]]]]:
-    """Return the meanings of metrics, methods and conditions."""
-    metrics = {
-        m.id: "Fréchet distance, lower is better: " * (m.kind == "set") + m.about
-        for m in METRICS.values()
-    }
-    shown = {metric for table in tables for metric in table.frame["metric"]}
-    requested = manifest.get("request", {}).get("metrics", ())
-    further = {
-        m: metrics.get(m, "of another package")
-        for m in (*requested, *sorted(m for m in shown if declared_metric(m)))
-    }
-    measured = (
-        *(*suite.image_metrics, *suite.detail_metrics, *suite.set_metrics),
-        *(*suite.class_metrics, *suite.control_metrics, *further),
+def _glossary(manifest: Mapping[str, Any], suite: Suite, tables: Sequence[Table]) -> Glossary:
+    """Return the meanings of the metrics, methods and conditions of a run."""
+    in_tables = {metric for table in tables for metric in table.frame["metric"]}
+    metrics = (
+        *suite.image_metrics,
+        *suite.detail_metrics,
+        *suite.set_metrics,
+        *suite.class_metrics,
+        *suite.control_metrics,
+        *manifest.get("request", {}).get("metrics", ()),
+        *sorted(metric for metric in in_tables if declared_metric(metric)),
     )
-    known = {c: known_condition(c) for c in manifest["conditions"]}
-    origins = {c: f"{condition_words(c)}; {k.source}" for c, k in known.items() if k}
+    conditions = []
+    for condition in manifest["conditions"]:
+        known = known_condition(condition)
+        meaning = f"{condition_words(condition)}; {known.source}" if known else "unknown"
+        conditions.append((condition, meaning))
     return [
-        ("Metrics", [(m, (metrics | further)[m]) for m in dict.fromkeys(measured)]),
-        ("Methods", [(m, _source(m, manifest)) for m in manifest["methods"]]),
-        ("Conditions", [(c, origins.get(c, "unknown")) for c in known]),
+        ("Metrics", [(metric, _meaning(metric)) for metric in dict.fromkeys(metrics)]),
+        ("Methods", [(method, _source(method, manifest)) for method in manifest["methods"]]),
+        ("Conditions", conditions),
     ]
 
 
+def _meaning(metric: str) -> str:
+    """Return what a metric measures."""
+    known = METRICS.get(metric)
+    if known is None:
+        return "of another package"
+    if known.kind == "set":
+        return f"Fréchet distance, lower is better: {known.about}"
+    return known.about
+
+
 def _source(method: str, manifest: Mapping[str, Any]) -> str:
+    """Return where a method comes from and what it was trained on."""
     if is_module_name(method) and known_method(method) is None:
         return "of a module that was not loaded for this page"
     if claims := entered_claims(manifest, method):
@@ -267,23 +299,33 @@ def _source(method: str, manifest: Mapping[str, Any]) -> str:
 
 
 def _failure_groups(records: pd.DataFrame) -> list[dict[str, Any]]:
-    """Return the images that are not there, by reason, the most frequent first.
+    """Return the images that failed by reason, the most frequent reason first.
 
-    Each listed is (one method on one cloud, the views that it lacks); `more` are not listed.
+    A group has the `reason`, the `count` in words, the `failures` as (one method on one cloud, the
+    views that it lacks), and how many `more` clouds there are that are not named.
     """
     failed = records[records["outcome"] != "ok"]
     groups = []
     for reason, of_reason in failed.groupby("reason", sort=True):
         items = of_reason.groupby(["method", "condition", "class", "object"], sort=False)
-        listed = [("/".join(map(str, name)), _views(g["view"].tolist())) for name, g in items]  # type: ignore[arg-type]
-        count = f"{len(of_reason)} images of {len(listed)} clouds"
-        more = max(len(listed) - _MOST_LISTED, 0)
-        group = {"reason": reason, "count": count, "failures": listed[:_MOST_LISTED], "more": more}
+        failures = []
+        for name, of_job in items:
+            job = "/".join(map(str, name))  # type: ignore[arg-type]
+            failures.append((job, _views(of_job["view"].tolist())))
+        group = {
+            "reason": reason,
+            "count": f"{len(of_reason)} images of {len(failures)} clouds",
+            "failures": failures[:_MOST_NAMED],
+            "more": max(len(failures) - _MOST_NAMED, 0),
+        }
         groups.append((len(of_reason), group))
     return [group for _, group in sorted(groups, key=lambda pair: -pair[0])]
 
 
 def _views(views: Sequence[int]) -> str:
-    if len(views) > 1 and list(views) == list(range(views[0], views[0] + len(views))):
+    """Return the numbers of views in words: "view 3", "views 0 to 9" or "views 1, 4"."""
+    if len(views) == 1:
+        return f"view {views[0]}"
+    if list(views) == list(range(views[0], views[0] + len(views))):
         return f"views {views[0]} to {views[-1]}"
-    return f"view{'s' * (len(views) > 1)} {', '.join(map(str, views))}"
+    return f"views {', '.join(map(str, views))}"

@@ -19,8 +19,8 @@ from data_prep.files.atomic_write import atomic_write
 if TYPE_CHECKING:
     from matplotlib.figure import Figure
 
-FIGURES = "figures"  # folder of a run
-DPI = 110
+FIGURES = "figures"  # folder of figures in that of a run
+DPI = 110  # pixels per inch of a PNG
 # Figures fit a page: they are 800 px wide, sheets of images at most 1,600 px high.
 WIDTH_IN, MOST_HIGH_IN = 800 / DPI, 1600 / DPI
 TEXT = 8.0  # points, the smallest in a figure

@@ -18,15 +18,15 @@ from bench.records.job import JobName
 from bench.records.record import GROUND_TRUTH
 from bench.report.stored import Sources
 from bench.report.styles import rivals
-from bench.tables.grid import records, shown
+from bench.tables.grid import number_text, row_mappings
 from data_prep.rendering.dots import draw_dots
 from data_prep.scene import View
 
-OBJECTS_SHOWN = 4  # of one class; of several the first of each
-_MOST_ACROSS = 8  # methods beside each other; more stand below each other
-_MOST_CASES = 240  # images beside truth and cloud: they are most of the file
-EACH = 2  # worst and best records of a method at a condition, while there is room
-CLOUD = "cloud"
+OBJECTS_SHOWN = 4  # objects of a single class; of several classes one object of each is shown
+_MOST_ACROSS = 8  # methods side by side; more stand below each other
+_MOST_CASES = 240  # worst and best images on the page, which make up most of its bytes
+EACH = 2  # worst images, and best ones, of a method at a condition; fewer where there are many
+CLOUD = "cloud"  # head of the column with the clouds
 
 
 def shown_objects(records: pd.DataFrame) -> list[tuple[str, str]]:
@@ -41,16 +41,19 @@ def shown_objects(records: pd.DataFrame) -> list[tuple[str, str]]:
 def extremes(records: pd.DataFrame, metric: str) -> pd.DataFrame:
     """Return the worst and best records, by a metric, of each competing method and condition.
 
-    Rows are in the order of the records' methods and conditions, with the column `kind`. An object
-    has only its worst (best) view; a record among the worst is not among the best.
+    Rows are in the order of the records' methods and conditions; their column `kind` is "worst" or
+    "best". Of an object only its worst or best view is taken; a record is not both.
     """
     competing = rivals(dict.fromkeys(records["method"]))
     ok = records[(records["outcome"] == "ok") & records["method"].isin(competing)]
     ok = ok.dropna(subset=[column(metric)])
     keys = ["method", "condition"]
-    cells = len(ok[[*keys, "class"]].drop_duplicates())
-    by_class = 2 * cells <= _MOST_CASES
-    each = max(1, min(EACH, _MOST_CASES // (2 * cells))) if by_class and cells else 1
+    groups = len(ok[[*keys, "class"]].drop_duplicates())
+    # A worst and a best record of each class, where these are not too many; else of all classes.
+    by_class = 2 * groups <= _MOST_CASES
+    each = 1
+    if by_class and groups:
+        each = max(1, min(EACH, _MOST_CASES // (2 * groups)))
     extremes = []
     for _, group in ok.groupby([*keys, "class"] if by_class else keys, sort=False):
         order = [column(metric), "class", "object", "view"]
@@ -63,15 +66,16 @@ def extremes(records: pd.DataFrame, metric: str) -> pd.DataFrame:
         extremes += [worst.assign(kind="worst"), best.assign(kind="best")]
     if not extremes:
         return ok.assign(kind="")
-    places = {method: i for i, method in enumerate(competing)}
+    rank = {method: i for i, method in enumerate(competing)}
     together = pd.concat(extremes)
-    return together.iloc[together["method"].map(places).argsort(kind="stable")]
+    return together.iloc[together["method"].map(rank).argsort(kind="stable")]
 
 
 def grids(images: pd.DataFrame, sources: Sources, metric: str) -> list[dict[str, Any]]:
-    """Return the first view of the first objects, each image with its value by a metric.
+    """Return a grid for each of the first objects: the first view by each method and condition.
 
-    An image is (data URI or "", what it shows); a cell has what stands beneath it, too.
+    A cell is (image, text beneath it), the text being the value by a metric or why there is no
+    image; an image is (data URI, or "" without one, what it shows).
     """
     methods = rivals(dict.fromkeys(images["method"]))
     conditions = list(dict.fromkeys(map(str, images["condition"])))
@@ -79,10 +83,10 @@ def grids(images: pd.DataFrame, sources: Sources, metric: str) -> list[dict[str,
     sheets = []
     for class_name, obj in shown_objects(images):
         of_object = first[(first["class"] == class_name) & (first["object"] == obj)]
-        by_cell = {(row["method"], row["condition"]): row for row in records(of_object)}
-        if not by_cell:
+        record_of = {(row["method"], row["condition"]): row for row in row_mappings(of_object)}
+        if not record_of:
             continue
-        view, name = _view(next(iter(by_cell.values()))), f"{class_name} {obj}"
+        view, name = _view(next(iter(record_of.values()))), f"{class_name} {obj}"
         rows = []
         for condition in conditions:
             item = JobName(GROUND_TRUTH, condition, class_name, obj)
@@ -91,23 +95,30 @@ def grids(images: pd.DataFrame, sources: Sources, metric: str) -> list[dict[str,
                 (_drawn(sources, item.truth, 0, f"the truth, {name}"), ""),
             ]
             for method in methods:
-                record = by_cell.get((method, condition))
+                record = record_of.get((method, condition))
                 cells.append(_grid_cell(sources, item._replace(method=method), record, metric))
             rows.append(cells)
         down, across = conditions, [CLOUD, "truth", *methods]
-        turned = len(methods) > _MOST_ACROSS
-        if turned:
+        methods_down = len(methods) > _MOST_ACROSS
+        if methods_down:
             down, across, rows = across, down, list(zip(*rows, strict=True))
-        at = f"View 0: azimuth {view.azimuth_deg:.0f}°, elevation {view.elevation_deg:.0f}°"
-        sheet = {"title": name, "description": at, "columns": across}
-        sheet |= {"rows": list(zip(down, rows, strict=True))}
-        sheets.append(sheet | {"corner": "method" if turned else "condition"})
+        direction = f"azimuth {view.azimuth_deg:.0f}°, elevation {view.elevation_deg:.0f}°"
+        sheets.append(
+            {
+                "title": name,
+                "description": f"View 0: {direction}",
+                "columns": across,
+                "rows": list(zip(down, rows, strict=True)),
+                "corner": "method" if methods_down else "condition",
+            }
+        )
     return sheets
 
 
 def _grid_cell(
     sources: Sources, item: JobName, record: Mapping[str, Any] | None, metric: str
 ) -> tuple[tuple[str, str], str]:
+    """Return the cell of a job as `grids`; `record` is that of its first view, None without one."""
     what = f"{item.method} at {item.condition}, {item.class_name} {item.object_id}"
     if record is None:
         return ("", f"{what}: not measured"), "not measured"
@@ -119,11 +130,15 @@ def _grid_cell(
 
 
 def _score(record: Mapping[str, Any], metric: str) -> str:
-    return shown(record[column(metric)], decimals(metric))
+    return number_text(record[column(metric)], decimals(metric))
 
 
 def cases(chosen: pd.DataFrame, sources: Sources, metric: str) -> list[dict[str, Any]]:
-    """Return the records that `extremes` has chosen, each with its cloud and its true image."""
+    """Return the cases that `extremes` has chosen, by method, with their clouds and true images.
+
+    A group has the `method`, a `summary` of its values, and `rows` of (condition, and class where
+    several are shown; cases).
+    """
     several = chosen["class"].nunique() > 1
     groups = []
     for method, of_method in chosen.groupby("method", sort=False):
@@ -133,17 +148,18 @@ def cases(chosen: pd.DataFrame, sources: Sources, metric: str) -> list[dict[str,
         ends = sorted(
             of_method[column(metric)].agg(["min", "max"]), reverse=not higher_is_better(metric)
         )
-        worst, best = (shown(end, decimals(metric)) for end in ends)
+        worst, best = (number_text(end, decimals(metric)) for end in ends)
         summary = f"{metric} {worst} at worst, {best} at best"
-        rows = [
-            (", ".join(map(str, names)), [_case(r, sources, metric) for r in records(row)])
-            for names, row in of_method.groupby(keys, sort=False)
-        ]
+        rows = []
+        for names, of_row in of_method.groupby(keys, sort=False):
+            of_names = [_case(record, sources, metric) for record in row_mappings(of_row)]
+            rows.append((", ".join(map(str, names)), of_names))
         groups.append({"method": method, "summary": summary, "rows": rows})
     return groups
 
 
 def _case(record: Mapping[str, Any], sources: Sources, metric: str) -> dict[str, Any]:
+    """Return what the page shows of a worst or best record."""
     class_name, obj, view = record["class"], record["object"], record["view"]
     item = JobName(record["method"], record["condition"], class_name, obj)
     name = f"{class_name} {obj}, view {view}"
@@ -152,7 +168,8 @@ def _case(record: Mapping[str, Any], sources: Sources, metric: str) -> dict[str,
     for part in ("prepare", "draw"):
         if math.isfinite(seconds := record[f"{part}_s"]):
             facts[part] = f"{1000 * seconds:.1f} ms"
-    facts |= {"notes": record["notes"]} if record["notes"] else {}
+    if record["notes"]:
+        facts["notes"] = record["notes"]
     images = (
         (CLOUD, _cloud(sources, item, at, f"the cloud of {name}")),
         ("truth", _drawn(sources, item.truth, view, f"the truth of {name}")),
@@ -167,6 +184,7 @@ def _view(record: Mapping[str, Any]) -> View:
 
 
 def _drawn(sources: Sources, item: JobName, view: int, description: str) -> tuple[str, str]:
+    """Return an image of a job as data URI, with its description; "" where it is missing."""
     images = sources.images(item)
     if images is None or view >= len(images):
         return "", f"{description}; the image is no longer there"
@@ -174,6 +192,7 @@ def _drawn(sources: Sources, item: JobName, view: int, description: str) -> tupl
 
 
 def _cloud(sources: Sources, item: JobName, view: View, description: str) -> tuple[str, str]:
+    """Return the cloud of a job in dots as data URI, with its description; "" without a cloud."""
     points = sources.points(item)
     if points is None:
         return "", f"{description}; it cannot be made again"

@@ -26,7 +26,7 @@ from bench.catalogue.metrics import is_mean
 from bench.catalogue.suites import TRUTHS
 from bench.records.run_folder import FIXED, PROTOCOL, TRUTH, locked_run, open_store
 from bench.report.board import (
-    HEADLINE,
+    HEADLINE_METRICS,
     BoardCell,
     BoardColumn,
     BoardGroup,
@@ -38,18 +38,19 @@ from bench.report.board import (
 )
 from bench.report.build import REPORT, write_report
 from bench.report.page import rendered
+from bench.report.summary import counted
 from bench.tables.build import make_outputs
 from bench.tables.differences import too_few
-from bench.tables.grid import records
+from bench.tables.grid import row_mappings
 from data_prep.failures import BadInput
 from data_prep.files.atomic_write import write_whole
 from data_prep.progress import progress
 
-_Rankings = Mapping[str, tuple[pd.DataFrame, int | None]]  # by metric
-INDEX = "index.html"
-_WRITTEN_BY = "pc2pix-bench, index of runs"  # in the head of a page that may be replaced
-_HEAD_BYTES = 2_000
-_SHORT = 7  # digits of a checksum in a name
+_Rankings = Mapping[str, tuple[pd.DataFrame, int | None]]  # by metric, as `ranking` returns them
+INDEX = "index.html"  # name of the page
+_WRITTEN_BY = "pc2pix-bench, index of runs"  # stands in the head of a page that may be replaced
+_HEAD_BYTES = 2_000  # bytes at the beginning of a page that have its head
+_SHORT = 7  # digits of a checksum in the name of a method
 _CHECKSUM = re.compile(r"\b[0-9a-f]{32,}\b")
 _LETTERS = (
     "Values are means over objects and conditions; a failed image is scored as a blank one. "
@@ -59,7 +60,7 @@ _LETTERS = (
 
 
 class NamedRun(NamedTuple):
-    """A run, its name among others, and the address of its report."""
+    """A run, its name among the others, and the address of its report, relative to the page."""
 
     name: str
     run: Run
@@ -140,9 +141,10 @@ def index_html(runs: Sequence[NamedRun]) -> str:
 
 
 def run_groups(runs: Sequence[NamedRun]) -> list[dict[str, Any]]:
-    """Return the runs by data set and truth: title, cards, and a board if any has a value.
+    """Return the runs by data set and truth, which all are of one version of the protocol.
 
-    All are of one version of the protocol.
+    A group has its `title`, the `cards` of its runs, and their leaderboard as `board`, None where
+    no run has a value.
     """
     groups: dict[str, list[NamedRun]] = {}
     for run in runs:
@@ -155,9 +157,11 @@ def run_groups(runs: Sequence[NamedRun]) -> list[dict[str, Any]]:
 
 
 def _card(named: NamedRun) -> dict[str, Any]:
+    """Return what the page shows of a run: name, address of the report, and facts."""
     run, manifest = named.run, named.run.manifest
-    counts = map(run.images, run.cells)
-    drawn, planned = map(sum, zip(*counts, strict=True))
+    counts = [run.images(image_set) for image_set in run.image_sets]
+    drawn = sum(existing for existing, _ in counts)
+    planned = sum(number for _, number in counts)
     classes = {str(name).partition("/")[0] for name in manifest["objects"]}
     of_what = f"{len(classes)} classes" if len(classes) > 1 else f"class {min(classes)}"
     facts = (
@@ -180,18 +184,18 @@ def _card(named: NamedRun) -> dict[str, Any]:
 def _run_board(runs: Sequence[NamedRun]) -> dict[str, Any] | None:
     """Return the leaderboard of runs of one data set and truth; None where none has a value.
 
-    Methods have places where every run with values has them: among others a mean of places would
-    depend on whom a method has met.
+    Only methods that every run has a value of get places: the mean place of another one would
+    depend on the methods that it was compared with.
     """
     ids: dict[str, str] = {}
     taught: dict[str, BoardCell] = {}
     groups, notes = [], [_LETTERS]
     for run, names in zip(runs, _method_names([run.run.manifest for run in runs]), strict=True):
-        metrics = run.run.measured([*dict.fromkeys((*HEADLINE, *run.run.suite.headline))])
+        metrics = run.run.measured([*dict.fromkeys((*HEADLINE_METRICS, *run.run.suite.headline))])
         metrics = [metric for metric in metrics if is_mean(metric)]
         with threadpool_limits(1):
             by_class = run.run.compared(metrics)
-            together = pooled(by_class)  # of several classes all objects
+            together = pooled(by_class)  # without rows for a single class
             compared = by_class if together.empty else together
             if compared.empty:
                 notes.append(f"{run.name} has no scored image.")
@@ -206,13 +210,16 @@ def _run_board(runs: Sequence[NamedRun]) -> dict[str, Any] | None:
             taught.setdefault(name, trained_on(method, run.run.manifest))
     if not groups:
         return None
-    columns = [column for group in groups for column in group.columns if column.placed]
+    columns = []
+    for group in groups:
+        columns += [column for column in group.columns if column.placed]
     rivals = [name for name, method in ids.items() if not is_reference(method)]
-    competing = [m for m in rivals if all(m in column.cells for column in columns)]
+    valued_everywhere = set(rivals).intersection(*(column.cells for column in columns))
+    competing = [name for name in rivals if name in valued_everywhere]
     if len(competing) < 2:
         competing = []
         notes.append("No places: fewer than two methods have values in every column.")
-    elif others := [m for m in rivals if m not in competing]:
+    elif others := [name for name in rivals if name not in competing]:
         notes.append(f"No place, as they do not have every value: {', '.join(others)}.")
     return leaderboard(
         f"{len(competing)} methods by the mean of their places" if competing else "All methods",
@@ -234,32 +241,35 @@ def _of_run(
     columns = []
     for metric, (ranked, _) in rankings.items():
         cells = {}
-        for row in records(ranked):
+        for row in row_mappings(ranked):
             method, n_ok, n = row["method"], row["n_ok"], row["n"]
             failed = f"{n - n_ok} of {n} failed" if n_ok < n else ""
-            about = {"letters": row["letters"], "caveat": failed}
-            cells[names[method]] = value_cell(row["value"], metric, method, **about)
+            cells[names[method]] = value_cell(
+                row["value"], metric, method, letters=row["letters"], caveat=failed
+            )
         columns.append(metric_column(metric, cells))
     costs, views = {}, int(run.run.manifest["views"])
-    for row in records(with_costs(overall.drop_duplicates("method"), views)):
+    for row in row_mappings(with_costs(overall.drop_duplicates("method"), views)):
         cost = row["cost_ms"]
         if math.isfinite(cost) and not role(row["method"]):
             claimed = "claimed" if row["claimed"] else ""
             costs[names[row["method"]]] = BoardCell(milliseconds(cost), cost, beneath=claimed)
     machine = run.run.manifest.get("machine", {}).get("cpu", "an unknown processor")
-    drawn = f"{views} view{'s' * (views > 1)}"
+    drawn = counted(views, "view")
     about = f"a cloud of the first condition with its {drawn}, one thread of {machine}"
     columns.append(BoardColumn(f"{drawn} (ms)", about, costs))
-    shown = list(map(condition_words, run.run.manifest["conditions"]))
-    words = f"mean over {len(shown)} conditions" if len(shown) > 1 else shown[0]
-    return BoardGroup(tuple(columns), run.name, ", ".join(shown), words, run.report)
+    conditions = list(map(condition_words, run.run.manifest["conditions"]))
+    words = conditions[0] if len(conditions) == 1 else f"mean over {len(conditions)} conditions"
+    return BoardGroup(
+        tuple(columns), name=run.name, title=", ".join(conditions), about=words, link=run.report
+    )
 
 
 def _missing(run: NamedRun, rankings: _Rankings) -> list[str]:
-    """Return why letters and metrics of the headline are missing in a run."""
+    """Return lines on why a run lacks letters, or metrics of the headline."""
     needed = [objects for _, objects in rankings.values() if objects]
     notes = [f"{run.name} has no letters: {too_few(max(needed))}."] if needed else []
-    for metric in HEADLINE:
+    for metric in HEADLINE_METRICS:
         if metric not in rankings:
             reason = run.run.skipped.get(metric, "not measured")
             notes.append(f"{run.name} has no {metric}: {reason.removeprefix('skipped: ')}.")
@@ -267,30 +277,53 @@ def _missing(run: NamedRun, rankings: _Rankings) -> list[str]:
 
 
 def _method_names(manifests: Sequence[Mapping[str, Any]]) -> list[dict[str, str]]:
-    """Return the names of the methods of each run by their ids.
+    """Return for each run the names of its methods, by their ids.
 
-    An id with other weights or of another version is another method: its name has what differs.
-    Versions of libraries make no other method.
+    Where runs have an id with different weights or versions, these are different methods, and their
+    names say what differs. Different versions of libraries do not count.
     """
-    stated = [{m: _identity(manifest, m) for m in manifest["methods"]} for manifest in manifests]
-    names: dict[tuple[str, tuple[str, ...]], str] = {}
-    for method in {method for run in stated for method in run}:
-        identities = {run[method] for run in stated if method in run}
-        common = set.intersection(*map(set, identities))
-        differs = {i: ", ".join(p for p in i if p not in common) for i in identities}
-        short = {i: _CHECKSUM.sub(lambda m: m[0][:_SHORT], text) for i, text in differs.items()}
-        for i, text in (short if len({*short.values()}) == len(short) else differs).items():
-            suffix = f" ({text or 'identity unknown'})" if len(identities) > 1 else ""
-            names[method, i] = method + suffix
-    return [{method: names[method, i] for method, i in run.items()} for run in stated]
+    identities: dict[str, list[tuple[str, ...]]] = {}  # by method, each once
+    for manifest in manifests:
+        for method in manifest["methods"]:
+            of_method = identities.setdefault(method, [])
+            identity = _identity(manifest, method)
+            if identity not in of_method:
+                of_method.append(identity)
+    suffixes = {method: _suffixes(of_method) for method, of_method in identities.items()}
+    names = []
+    for manifest in manifests:
+        of_run = {}
+        for method in manifest["methods"]:
+            of_run[method] = method + suffixes[method][_identity(manifest, method)]
+        names.append(of_run)
+    return names
+
+
+def _suffixes(identities: Sequence[tuple[str, ...]]) -> dict[tuple[str, ...], str]:
+    """Return what stands behind the name of a method to tell its identities apart.
+
+    Checksums are shortened where that leaves them different. A single identity needs nothing.
+    """
+    if len(identities) == 1:
+        return {identities[0]: ""}
+    common = set.intersection(*map(set, identities))
+    texts, short_texts = {}, {}
+    for identity in identities:
+        text = ", ".join(part for part in identity if part not in common)
+        texts[identity] = text
+        short_texts[identity] = _CHECKSUM.sub(lambda match: match[0][:_SHORT], text)
+    if len({*short_texts.values()}) == len(short_texts):
+        texts = short_texts
+    return {identity: f" ({text or 'identity unknown'})" for identity, text in texts.items()}
 
 
 def _identity(manifest: Mapping[str, Any], method: str) -> tuple[str, ...]:
     """Return the version of a method and its weights; nothing where the run does not say."""
     match manifest.get("identities", {}).get(method):
-        case [version, str(text), *_]:
-            libraries = [f"{n} {number}" for n, number in manifest.get("versions", {}).items()]
+        case [number, str(text), *_]:
+            versions: Mapping[str, str] = manifest.get("versions", {})
+            libraries = [f"{library} {version}" for library, version in versions.items()]
             parts = [part for part in text.split(", ") if part and part not in libraries]
-            return (f"version {version}", *parts)
+            return (f"version {number}", *parts)
         case _:
             return ()

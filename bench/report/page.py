@@ -20,7 +20,7 @@ if TYPE_CHECKING:
     from jinja2 import Environment
     from matplotlib.figure import Figure
 
-_COLOURS = {
+_COLOURS = {  # variables of the style sheet in place of the colours that figures are drawn in
     INK: "currentColor",
     PAPER: "var(--paper)",
     SOFT: "var(--soft)",
@@ -28,14 +28,14 @@ _COLOURS = {
     SHADE: "var(--sunk)",
     **{hue: f"var(--hue-{number})" for number, hue in enumerate(HUES)},
 }
-_REFERENCE = re.compile(r"#([\w.-]+)")
+_REFERENCE = re.compile(r"#([\w.-]+)")  # of one element of an SVG to another, by its id
 
 
 def rendered(template: str, **values: Any) -> str:
-    """Return a template of the assets with these values, style sheet, script and their checksums.
+    """Return a page: a template of the assets with values, the style sheet and the script.
 
-    The page loads nothing, and equal values give equal text. Names and reasons may hold anything:
-    everything is escaped but `style`, which is in place of that of whole pages.
+    The page loads nothing, and equal values give equal text. Names and reasons may hold any text:
+    every value is escaped but `style`, a style sheet in place of that of whole pages.
     """
     from markupsafe import Markup
 
@@ -54,6 +54,9 @@ def _environment() -> Environment:
     def harmless(value: Any) -> Any:
         return visible(value) if isinstance(value, str) and not isinstance(value, Markup) else value
 
+    def unbroken(text: str) -> Markup:
+        return Markup(str(escape(visible(text))).replace(" %", "&nbsp;%"))
+
     environment = Environment(
         loader=FunctionLoader(bundled),
         autoescape=True,
@@ -63,9 +66,7 @@ def _environment() -> Environment:
         finalize=harmless,
     )
     environment.filters["trusted"] = Markup
-    environment.filters["unbroken"] = lambda text: Markup(
-        str(escape(visible(text))).replace(" %", "&nbsp;%")
-    )
+    environment.filters["unbroken"] = unbroken
     return environment
 
 
@@ -80,10 +81,13 @@ def _hash(text: str) -> str:
 
 
 def inline(figure: Figure, name: str, description: str) -> str:
-    """Return a figure as an SVG element; `name`, unlike any other, begins its ids.
+    """Return a figure as an SVG element.
 
-    Text in it is escaped, and control characters are visible. The page forbids inline styles: they
-    become attributes. `description` has its content in words.
+    name         begins the ids of its elements: no other figure of the page has it
+    description  what the figure shows in words, for readers who do not see it
+
+    Text in it is escaped, and control characters are visible. Inline styles, which the page's
+    security policy forbids, become attributes.
     """
     figure.patch.set_visible(False)
     for axis in figure.axes:
@@ -105,14 +109,13 @@ def inline(figure: Figure, name: str, description: str) -> str:
         if not parent.tag.endswith(("path", "Path")):
             attributes.pop("id", None)  # of groups, which nothing refers to
         attributes.pop("font-family", None)
-        parent.attrib = {
-            key.rpartition("}")[2]: f"{name}-{value}"
-            if key == "id"
-            else _REFERENCE.sub(rf"#{name}-\1", value)
-            if key.endswith("href") or value.startswith("url(")
-            else value
-            for key, value in attributes.items()
-        }
+        parent.attrib.clear()
+        for key, value in attributes.items():
+            if key == "id":
+                value = f"{name}-{value}"
+            elif key.endswith("href") or value.startswith("url("):
+                value = _REFERENCE.sub(rf"#{name}-\1", value)
+            parent.attrib[key.rpartition("}")[2]] = value
     root.attrib = {"viewBox": box, "role": "img", "aria-labelledby": f"{name}-description"}
     words = Element("desc", id=f"{name}-description")
     words.text = visible(description)

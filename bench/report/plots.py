@@ -30,17 +30,27 @@ if TYPE_CHECKING:
 Styles = Mapping[str, MethodStyle]
 Scale = Literal["linear", "log", "distance"]
 
-PANEL_IN, ENTRY_IN = 2.5, 0.2  # heights of a panel and of a line of the legend
-LETTERS_PER_INCH, ENTRY_LETTERS = 15, 8  # of a legend, and beside each name
-LONGEST = 24  # letters of a name
-_LINEAR = 1  # below it an axis of distances is linear, above it logarithmic
+PANEL_IN = 2.5  # inches: height of a panel
+ENTRY_IN = 0.2  # inches: height of a line of the legend
+LETTERS_PER_INCH = 15  # letters of the legend that have room in an inch, at the size TEXT
+ENTRY_LETTERS = 8  # letters that would have room in place of an entry's marker and margins
+LONGEST = 24  # letters of a method's name in a legend; of a longer one the end is shown
+_LINEAR = 1  # up to this value an axis of distances is linear, above it logarithmic
 DIRECTIONS = "\N{LEFTWARDS ARROW} worse   better \N{RIGHTWARDS ARROW}"
 _WORSE = "worse than a white image"
-OPTIONAL = {"low": math.nan, "high": math.nan, "kind": "", "hollow": False}  # columns of a point
-_BESIDE = (  # places of a label: offset in points of 1/72 inch, alignment
-    *((6, 4, "left", "bottom"), (6, -4, "left", "top"), (-6, 4, "right", "bottom")),
-    *((-6, -4, "right", "top"), (0, 7, "center", "bottom"), (0, -7, "center", "top")),
-    *((7, 0, "left", "center"), (-7, 0, "right", "center")),
+# Columns that a frame of points may lack, with the values that they then have.
+OPTIONAL = {"low": math.nan, "high": math.nan, "kind": "", "hollow": False}
+# Where a label may stand beside its point, tried in this order: offsets to the right and upwards in
+# points (1/72 inch), and the side or corner of the text that stands there.
+_BESIDE = (
+    (6, 4, "left", "bottom"),
+    (6, -4, "left", "top"),
+    (-6, 4, "right", "bottom"),
+    (-6, -4, "right", "top"),
+    (0, 7, "center", "bottom"),
+    (0, -7, "center", "top"),
+    (7, 0, "left", "center"),
+    (-7, 0, "right", "center"),
 )
 
 
@@ -48,15 +58,19 @@ _BESIDE = (  # places of a label: offset in points of 1/72 inch, alignment
 class SweepPanel:
     """Values of methods along an axis.
 
-    values     a point a row: method, x, value; perhaps low and high, the ends of its interval; kind
-               (a line joins only neighbours of one kind); hollow (it is drawn as an outline)
-    title      above the panel
-    x_label    below it, `y_label` at its left
-    ticks      names by their places on the axis; None for numbers
-    kinds      names below the ticks, by place
-    turned     whether lower values are better, and stand higher
-    joined     whether lines join the points of a method
-    trained    (method, left, right): where a network was trained, as a band
+    values   a row for each point, with the columns method, x and value; perhaps low and high (the
+             ends of its interval), kind (a line joins only neighbours of the same kind) and hollow
+             (it is drawn as an outline)
+    title    above the panel
+    x_label  below it
+    y_label  at its left
+    ticks    names by their positions on the x axis; None where it has numbers
+    kinds    names below the ticks, by position
+    turned   whether lower values are better, and stand higher
+    joined   whether lines join the points of a method
+    x_scale  scale of the x axis
+    y_scale  scale of the y axis; "distance" is linear up to 1 and logarithmic above
+    trained  (method, left, right): a band where a network was trained
     """
 
     values: pd.DataFrame
@@ -73,12 +87,15 @@ class SweepPanel:
 
 
 def grouped(frame: pd.DataFrame, by: str | list[str]) -> list[tuple[Any, pd.DataFrame]]:
-    """Return the rows of each value of a column, or of each values of several, in their order."""
+    """Return (value, its rows) for each value of a column, in the order of the rows.
+
+    by  the column; of several columns each combination of values has its rows
+    """
     return list(frame.groupby(by, sort=False))
 
 
 def points_of(frame: pd.DataFrame) -> list[Any]:
-    """Return the rows of a frame with their columns as attributes."""
+    """Return the rows of a frame as tuples, with their columns as attributes."""
     return list(frame.itertuples())
 
 
@@ -121,7 +138,7 @@ def sweep_figure(
     styles              of every method of the panels; one without a marker is a floor, a line alone
     columns             panels beside each other
     width_in, panel_in  width of the figure and height of a panel, inches
-    dodge               part of a unit of the axis that the methods at one place take side by side
+    dodge               part of a unit of the x axis over which methods stand side by side
     fontsize            of all text, points
     **shared            `sharex`, `sharey` as of `matplotlib.figure.Figure.subplots`
     """
@@ -141,6 +158,7 @@ def sweep_figure(
 
 
 def _draw_sweep(axis: Any, panel: SweepPanel, styles: Styles, dodge: float) -> None:
+    """Draw the points, lines and intervals of a panel, and the bands of trained networks."""
     missing = {name: value for name, value in OPTIONAL.items() if name not in panel.values}
     values = panel.values.assign(**missing)
     by_method = dict(grouped(values, "method"))
@@ -152,8 +170,8 @@ def _draw_sweep(axis: Any, panel: SweepPanel, styles: Styles, dodge: float) -> N
             continue
         x = points["x"] + dodge * ((dodged.index(method) + 0.5) / len(dodged) - 0.5)
         line = {"linestyle": style.dashes if panel.joined else "none", "linewidth": 1.2}
-        neighbours = (points["kind"] != points["kind"].shift()).cumsum()
-        for number, part in points.groupby(neighbours):
+        part_numbers = (points["kind"] != points["kind"].shift()).cumsum()  # 1 and up
+        for number, part in points.groupby(part_numbers):
             label = {"label": name} if number == 1 else {}
             axis.plot(x[part.index], part["value"], **marker(style) | line | label)
         axis.vlines(x, points["low"], points["high"], color=style.colour, linewidth=0.9)
@@ -166,6 +184,7 @@ def _draw_sweep(axis: Any, panel: SweepPanel, styles: Styles, dodge: float) -> N
 
 
 def _name_axes(axis: Any, panel: SweepPanel, fontsize: float) -> None:
+    """Set the title, the labels, the scales and the ticks of a panel."""
     from matplotlib.ticker import SymmetricalLogLocator
 
     axis.set_title(visible(panel.title), fontsize=fontsize + 1)
@@ -174,8 +193,8 @@ def _name_axes(axis: Any, panel: SweepPanel, fontsize: float) -> None:
     axis.set_xscale(panel.x_scale)
     if panel.y_scale == "distance":
         axis.set_yscale("symlog", linthresh=_LINEAR)
-        subs = {"base": 10, "linthresh": _LINEAR, "subs": (1, 2, 5)}
-        axis.yaxis.set_major_locator(SymmetricalLogLocator(**subs))
+        locator = SymmetricalLogLocator(base=10, linthresh=_LINEAR, subs=(1, 2, 5))
+        axis.yaxis.set_major_locator(locator)
     else:
         axis.set_yscale(panel.y_scale)
     if panel.y_scale != "linear":  # a power would be written as a formula
@@ -192,7 +211,7 @@ def _name_axes(axis: Any, panel: SweepPanel, fontsize: float) -> None:
 def _draw_floor(
     axis: Any, x: Sequence[float], levels: Sequence[float], style: MethodStyle, name: str
 ) -> None:
-    """Draw a level across the axis, or one at each place where they differ."""
+    """Draw one line across the axis, or steps where the levels at the positions x differ."""
     look: dict[str, Any] = {"color": style.colour, "linestyle": style.dashes, "linewidth": 1}
     if np.ptp(levels) < 1e-6:
         axis.axhline(levels[0], label=name, **look)
@@ -201,7 +220,10 @@ def _draw_floor(
 
 
 def _shade_worse(axis: Any, x: Sequence[float], levels: Sequence[float]) -> None:
-    """Shade what is below the levels of a white image, as the axis is turned."""
+    """Shade the side of the axis on which values are worse than those of a white image.
+
+    x, levels  the positions and values of the white image
+    """
     if not np.isfinite(levels).any():
         return
     limits = {"xlim": axis.get_xlim(), "ylim": axis.get_ylim()}
@@ -231,21 +253,26 @@ def _legend(figure: Figure, fontsize: float) -> None:
         entries[_WORSE] = entries.pop(_WORSE)  # last
     names, (width, height) = list(entries), figure.get_size_inches()
     rows = 1
-    for rows in range(1, len(names) + 1):
-        columns = [names[i : i + rows] for i in range(0, len(names), rows)]
+    for rows in range(1, len(names) + 1):  # the fewest in which the names have room
+        columns = [names[start : start + rows] for start in range(0, len(names), rows)]
         letters = sum(max(map(len, column)) + ENTRY_LETTERS for column in columns)
         if letters <= LETTERS_PER_INCH * width * TEXT / fontsize:
             break
     figure.set_size_inches(width, height + ENTRY_IN * (rows + 1) * fontsize / TEXT)
     figure.legend(
-        *(list(entries.values()), names), loc="outside upper center",
-        ncols=math.ceil(len(names) / rows), fontsize=fontsize, frameon=False, handlelength=2.6,
-    )  # fmt: skip
+        list(entries.values()),
+        names,
+        loc="outside upper center",
+        ncols=math.ceil(len(names) / rows),
+        fontsize=fontsize,
+        frameon=False,
+        handlelength=2.6,
+    )
 
 
 def shortened(name: str) -> str:
     """Return the printable name in at most `LONGEST` letters."""
-    # Its end tells most: it may be the path of a weights file.
+    # The end is kept, as it tells most: a name may be the path of a file of weights.
     name = visible(name)
     return name if len(name) <= LONGEST else f"…{name[1 - LONGEST :]}"
 
@@ -264,87 +291,103 @@ def frontier_figure(
 ) -> Figure:
     """Return quality against cost, with the frontier as steps, under one legend.
 
-    points    a method in a panel a row: metric, panel (its title), method, cost, cost_low,
-              cost_high, value, low, high, verdict (as of `bench.analysis.frontier.places`). A floor
-              has no cost and is a line. The panels of a metric have the same axes.
+    points    a row for each method in each panel, with the columns metric, panel (its title),
+              method, cost, cost_low, cost_high, value, low, high and verdict (as in
+              `bench.analysis.frontier.frontier_verdicts`). A floor has no cost and is a line. The
+              panels of a metric have the same axes.
     styles    of every method
     x_label   what the costs are
     columns   panels beside each other
-    named     methods of the legend, others are small. Default: all but settings of a parameter.
-    width_in  width of the figure, and `panel_in`, height of a panel, inches
+    named     methods of the legend; the points of others are small. Default: all methods but
+              settings of a parameter.
+    width_in  width of the figure, inches
+    panel_in  height of a panel, inches
     fontsize  of all text, points
     """
     from matplotlib.backends.backend_agg import FigureCanvasAgg
 
-    cells = grouped(points, ["metric", "panel"])
-    columns = min(columns, len(cells))
-    rows = math.ceil(len(cells) / columns)
+    by_panel = grouped(points, ["metric", "panel"])
+    columns = min(columns, len(by_panel))
+    rows = math.ceil(len(by_panel) / columns)
     figure, axes = panels(rows, columns, (width_in, panel_in * rows), sharex=True)
-    first: dict[str, Any] = {}
-    for axis, ((metric, title), of_cell) in zip(axes.flat, cells, strict=False):
+    first: dict[str, Any] = {}  # axes of the first panel of a metric
+    for axis, ((metric, title), of_panel) in zip(axes.flat, by_panel, strict=False):
         if first.setdefault(metric, axis) is not axis:
             axis.sharey(first[metric])
-        _draw_costs(axis, of_cell, styles, named)
+        _draw_costs(axis, of_panel, styles, named)
         axis.set_title(visible(title), fontsize=fontsize + 1)
         axis.set_xlabel(x_label, fontsize=fontsize)
         axis.set_ylabel(axis_title(metric) if axis in axes[:, 0] else "", fontsize=fontsize)
         axis.tick_params(labelbottom=True, which="both")
         _scale_costs(axis, metric)
         _tidy(axis, fontsize, "both")
-    for axis in axes.flat[len(cells) :]:
+    for axis in axes.flat[len(by_panel) :]:
         axis.remove()
-    for axis, (_, of_cell) in zip(axes.flat, cells, strict=False):
-        _draw_frontier(axis, of_cell[of_cell["verdict"] == "frontier"])
-        blank = of_cell[of_cell["method"] == FLOOR]["value"].tolist()
-        _shade_worse(axis, [1.0] * len(blank), blank)
+    for axis, (_, of_panel) in zip(axes.flat, by_panel, strict=False):
+        _draw_frontier(axis, of_panel[of_panel["verdict"] == "frontier"])
+        blank = of_panel[of_panel["method"] == FLOOR]["value"].tolist()
+        _shade_worse(axis, [1.0 for _ in blank], blank)
     _legend(figure, fontsize)
-    figure.draw_without_rendering()  # before it nothing has a place
-    renderer = FigureCanvasAgg(figure).get_renderer()  # one, or each text's size makes its own
-    for axis, (_, of_cell) in zip(axes.flat, cells, strict=False):
-        _label_where_free(axis, of_cell, named, fontsize, renderer)
+    figure.draw_without_rendering()  # gives everything its place on the figure
+    # One renderer for all labels: without it matplotlib makes one for the size of each text.
+    renderer = FigureCanvasAgg(figure).get_renderer()
+    for axis, (_, of_panel) in zip(axes.flat, by_panel, strict=False):
+        _label_where_free(axis, of_panel, named, fontsize, renderer)
     return figure
 
 
 def _is_named(method: str, named: Container[str] | None) -> bool:
+    """Return whether the legend has a method, as `frontier_figure` says of `named`."""
     return find_setting(method) is None if named is None else method in named
 
 
 def _scale_costs(axis: Any, metric: str) -> None:
+    """Set the scales of quality against cost, and how their numbers are written."""
     from matplotlib.ticker import LogFormatter
 
     axis.set_xscale("log")
     axis.set_yscale("linear" if metric in IMAGE_METRICS else "log")
     axis.yaxis.set_inverted(not higher_is_better(metric))
-    for scale in (axis.xaxis, axis.yaxis) if metric not in IMAGE_METRICS else (axis.xaxis,):
+    logarithmic = [axis.xaxis]
+    if metric not in IMAGE_METRICS:
+        logarithmic.append(axis.yaxis)
+    for scale in logarithmic:
         scale.set_major_formatter("{x:g}")
-        # matplotlib's own labels within a decade are TeX, which figures show as it is.
+        # matplotlib's own labels within a decade are TeX, which these figures would show as text.
         scale.set_minor_formatter(LogFormatter())
 
 
 def _draw_costs(
     axis: Any, points: pd.DataFrame, styles: Styles, named: Container[str] | None
 ) -> None:
-    rivals = [p for p in points_of(points) if not role(p.method)]
+    """Draw the points of all methods with their intervals, and join the settings of a method."""
+    rivals = [point for point in points_of(points) if not role(point.method)]
     axis.margins(x=0.1, y=0.08)
-    for family in ordered(family_of(p.method) for p in rivals):
-        steps = [p for p in rivals if family_of(p.method) == family]
-        if any(find_setting(p.method) for p in steps):  # of a parameter
-            swept = [p for p in steps if p.method == family or find_setting(p.method)]
-            at = [p.cost for p in swept], [p.value for p in swept]
-            axis.plot(*at, color=styles[family].colour, linewidth=0.9)
-    known = points[points["method"].isin([p.method for p in rivals])]
+    for family in ordered(family_of(point.method) for point in rivals):
+        variants = [point for point in rivals if family_of(point.method) == family]
+        if any(find_setting(point.method) for point in variants):
+            swept = [p for p in variants if p.method == family or find_setting(p.method)]
+            costs, values = [p.cost for p in swept], [p.value for p in swept]
+            axis.plot(costs, values, color=styles[family].colour, linewidth=0.9)
+    known = points[points["method"].isin([point.method for point in rivals])]
     thin: dict[str, Any] = {"linewidth": 0.6, "alpha": 0.6}
     thin["colors"] = [styles[method].colour for method in known["method"]]
     axis.vlines(known["cost"], known["low"], known["high"], **thin)
     axis.hlines(known["value"], known["cost_low"], known["cost_high"], **thin)
-    for p in rivals:
-        style, big = styles[p.method], _is_named(p.method, named)
-        hollow = p.verdict == "below a white image"
-        label = {"label": shortened(p.method)} if big else {}
-        axis.plot(p.cost, p.value, **marker(style, 6.5 if big else 3.0, hollow=hollow) | label)
-    for p in points_of(points):
-        if role(p.method) == "floor":
-            _draw_floor(axis, [1.0], [p.value], styles[p.method], shortened(p.method))
+    for point in rivals:
+        in_legend = _is_named(point.method, named)
+        look = marker(
+            styles[point.method],
+            size=6.5 if in_legend else 3.0,
+            hollow=point.verdict == "below a white image",
+        )
+        if in_legend:
+            look["label"] = shortened(point.method)
+        axis.plot(point.cost, point.value, **look)
+    for point in points_of(points):
+        if role(point.method) == "floor":
+            name = shortened(point.method)
+            _draw_floor(axis, [1.0], [point.value], styles[point.method], name)
 
 
 def _draw_frontier(axis: Any, best: pd.DataFrame) -> None:
@@ -364,16 +407,27 @@ def _label_where_free(
     """Write names beside points where they cover nothing; the legend has the others."""
     from matplotlib.transforms import Bbox
 
-    competing = [p for p in points_of(points) if not role(p.method)]
-    places = axis.transData.transform([(p.cost, p.value) for p in competing] or [(0, 0)])
-    taken = [Bbox.from_bounds(x - 4, y - 4, 8, 8) for x, y in places]
-    for line in (line for line in axis.lines if line.get_drawstyle() == "steps-post"):
+    competing = [point for point in points_of(points) if not role(point.method)]
+    # In pixels; without a method that competes one box at the origin, which is in nobody's way.
+    centres = axis.transData.transform([(p.cost, p.value) for p in competing] or [(0, 0)])
+    taken = [Bbox.from_bounds(x - 4, y - 4, 8, 8) for x, y in centres]
+    frontier = [line for line in axis.lines if line.get_drawstyle() == "steps-post"]
+    for line in frontier:
         for (x, y), (x2, y2) in pairwise(axis.transData.transform(line.get_xydata())):
             low, high = sorted((y, y2))
-            taken += [Bbox([(x, y - 1), (x2, y + 1)]), Bbox([(x2 - 1, low), (x2 + 1, high)])]
-    for p in (p for p in competing if _is_named(p.method, named)):
-        at = (p.cost, p.value), (0, 0), "data", "offset points"
-        note = axis.annotate(shortened(p.method), *at, fontsize=fontsize)
+            taken.append(Bbox([(x, y - 1), (x2, y + 1)]))  # the level part of a step
+            taken.append(Bbox([(x2 - 1, low), (x2 + 1, high)]))  # its upright part
+    for point in competing:
+        if not _is_named(point.method, named):
+            continue
+        note = axis.annotate(
+            shortened(point.method),
+            xy=(point.cost, point.value),
+            xytext=(0, 0),
+            xycoords="data",
+            textcoords="offset points",
+            fontsize=fontsize,
+        )
         note.set_in_layout(False)
         for *offset, ha, va in _BESIDE:
             note.set(position=offset, ha=ha, va=va)
@@ -381,7 +435,7 @@ def _label_where_free(
             if axis.bbox.count_contains(box.corners()) == 4 and not box.count_overlaps(taken):
                 taken.append(box)
                 break
-        else:
+        else:  # no place beside the point is free
             note.remove()
 
 
@@ -396,42 +450,44 @@ def dots_figure(
 ) -> Figure:
     """Return dots with their intervals in rows, a panel beside the other, under one legend.
 
-    values    a dot a row: panel (its title), turned (whether lower values are better), row (its
-              name), method, value; perhaps low, high and hollow. The row of all classes stands
-              apart.
+    values    a row for each dot, with the columns panel (its title), turned (whether lower values
+              are better), row (the name of its line), method and value; perhaps low, high and
+              hollow. The line of all classes stands apart.
     styles    of every method
-    zero      whether values are differences: left of 0 is shaded. Else a line joins the dots of a
-              row, and 0 is in sight.
+    zero      whether values are differences: then the side of 0 that is worse is shaded. Otherwise
+              a line joins the dots of a row, and the axis begins at 0.
     width_in  width of the figure, inches
     fontsize  of all text, points
     """
-    values = values.assign(**{n: v for n, v in OPTIONAL.items() if n not in values})
-    rows = {name: float(place) for place, name in enumerate(ordered(values["row"]))}
-    apart = [name for name in rows if name in (ALL, AVERAGE) and len(rows) > 1]
-    rows |= {name: rows[name] + 0.5 for name in apart}
+    missing = {name: value for name, value in OPTIONAL.items() if name not in values}
+    values = values.assign(**missing)
+    height = {name: float(number) for number, name in enumerate(ordered(values["row"]))}
+    apart = [name for name in height if name in (ALL, AVERAGE) and len(height) > 1]
+    height |= {name: height[name] + 0.5 for name in apart}
     methods = ordered(values["method"])
-    cells = grouped(values, "panel")
-    size_in = (width_in, 0.7 + 0.28 * len(rows))
-    figure, (axes,) = panels(1, len(cells), size_in, sharey=True)
-    for axis, (title, of_cell) in zip(axes, cells, strict=True):
+    by_panel = grouped(values, "panel")
+    size_in = (width_in, 0.7 + 0.28 * len(height))
+    figure, (axes,) = panels(1, len(by_panel), size_in, sharey=True)
+    for axis, (title, of_panel) in zip(axes, by_panel, strict=True):
         if not zero:
-            for name, of_row in grouped(of_cell, "row"):
-                at = [rows[name]] * len(of_row)
-                axis.plot(of_row["value"], at, color=RULE, linewidth=3, zorder=1)
+            for name, of_row in grouped(of_panel, "row"):
+                y = [height[name] for _ in range(len(of_row))]
+                axis.plot(of_row["value"], y, color=RULE, linewidth=3, zorder=1)
         for number, method in enumerate(methods):
-            dots = of_cell[of_cell["method"] == method]
-            shift = (number - (len(methods) - 1) / 2) * min(0.3, 0.6 / len(methods)) * zero
-            y, style = dots["row"].map(rows).astype(float) + shift, styles[method]
+            dots, style = of_panel[of_panel["method"] == method], styles[method]
+            y = dots["row"].map(height).astype(float)
+            if zero:  # side by side: without joining lines equal dots would cover each other
+                y += (number - (len(methods) - 1) / 2) * min(0.3, 0.6 / len(methods))
             axis.hlines(y, dots["low"], dots["high"], color=style.colour, linewidth=0.9)
             axis.plot(dots["value"], y, **marker(style) | {"label": shortened(method)})
             hollow = dots["hollow"].astype(bool)
             axis.plot(dots["value"][hollow], y[hollow], **marker(style, hollow=True))
         for name in apart:
-            axis.axhline(rows[name] - 0.75, color=RULE, linewidth=0.8)
+            axis.axhline(height[name] - 0.75, color=RULE, linewidth=0.8)
         axis.set_title(visible(title), fontsize=fontsize + 1)
         if not zero:
             axis.set_xlim(left=0)
-        axis.xaxis.set_inverted(bool(of_cell["turned"].iloc[0]))
+        axis.xaxis.set_inverted(bool(of_panel["turned"].iloc[0]))
         if zero:
             axis.axvline(0, color=SOFT, linewidth=1)
             worst, best = axis.get_xlim()
@@ -439,7 +495,7 @@ def dots_figure(
             axis.set_xlim(worst, best)
             axis.set_xlabel(DIRECTIONS, fontsize=fontsize)
         _tidy(axis, fontsize, "x")
-    axes[0].set_yticks(list(rows.values()), list(map(visible, rows)))
-    axes[0].set_ylim(max(rows.values()) + 0.6, -0.6)
+    axes[0].set_yticks(list(height.values()), list(map(visible, height)))
+    axes[0].set_ylim(max(height.values()) + 0.6, -0.6)
     _legend(figure, fontsize)
     return figure

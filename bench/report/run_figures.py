@@ -10,8 +10,8 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 import pandas as pd
 
-from bench.analysis.comparison import COST, VALUE, milliseconds
-from bench.analysis.condition_sweep import FAMILY, place_of
+from bench.analysis.comparison import VALUE, milliseconds
+from bench.analysis.condition_sweep import FAMILY_BY_ID, axis_position
 from bench.analysis.paper import PAPER_METRIC, PAPER_NETWORK, SURFACE, Published, network_of
 from bench.analysis.run_pairs import Differences
 from bench.catalogue.conditions import Family, axis_positions, condition_name, condition_words
@@ -32,7 +32,8 @@ from bench.report.plots import (
 )
 from bench.report.sheets import write_classes, write_images, write_thin_parts
 from bench.report.styles import HUES, SOFT, MethodStyle, method_styles
-from bench.tables.grid import measured, ordered, records, scored_as_blank
+from bench.report.summary import counted
+from bench.tables.grid import metric_cell, ordered, row_mappings, scored_as_blank
 from bench.tables.markdown import visible
 from bench.tables.quality import quality_cell
 from bench.tables.table import Table
@@ -40,17 +41,24 @@ from bench.tables.table import Table
 if TYPE_CHECKING:
     from matplotlib.figure import Figure
 
-# The headline first; SSIM as the paper has it, which likes a white image, is one among the others.
-METRICS = (
-    *("ssim-object", "lpips", "silhouette-iou", "fd-views"),
-    *("structure", "ssim", "fd-alexnet", "fid"),
+# The metrics that have a panel, those of the headline first. The paper's SSIM stands further below:
+# it is high for a white image.
+PLOTTED_METRICS = (
+    "ssim-object",
+    "lpips",
+    "silhouette-iou",
+    "fd-views",
+    "structure",
+    "ssim",
+    "fd-alexnet",
+    "fid",
     *FURTHER_METRICS,
 )
-_MOST_STEPS = 8  # conditions or classes beside each other in a panel of half the width
-_DODGE = 0.44  # of a step, that the methods of one condition take side by side
-_PAD = 0.03  # of an axis: the room of a band beyond its first and last step
-_OBJECTS_BEYOND = 2
-AHEAD = {  # styles of differences
+_MOST_STEPS = 8  # conditions or classes in a panel of half the width; more take the whole width
+_DODGE = 0.44  # part of a step over which the methods of one condition stand side by side
+_PAD = 0.03  # part of an axis by which a band reaches beyond the first and the last step
+_OBJECTS_BEYOND = 2  # objects on the sheet of `beyond-training`, which has many conditions
+AHEAD = {  # words and style of a difference, by who is ahead
     "b": ("better", MethodStyle(HUES[0], "o", "-")),
     "a": ("worse", MethodStyle(HUES[1], "s", "-")),
     "tie": ("not decided", MethodStyle(SOFT, "o", "-", "left")),
@@ -59,57 +67,75 @@ AHEAD = {  # styles of differences
 
 
 def quality_frame(rows: pd.DataFrame) -> pd.DataFrame:
-    """Return the rows of a table of quality, with `text`, the value and its interval as printed."""
-    texts = [
-        quality_cell(row).text + " ({n_ok} of {n} images)".format(**row) * row["failed"]
-        for row in records(rows)
-    ]
+    """Return the rows of a table of quality, with `text`, the value and its images in words."""
+    texts = []
+    for row in row_mappings(rows):
+        text = quality_cell(row).text
+        if row["failed"]:
+            text += f" ({row['n_ok']} of {row['n']} images)"
+        texts.append(text)
     names = {"ci_low": "low", "ci_high": "high", "failures_as_blank": "as_blank"}
     return rows.drop(columns="per_object").rename(columns=names).assign(text=texts)
 
 
 def quality_panels(tables: Sequence[Table]) -> dict[tuple[str, str], SweepPanel]:
-    """Return a panel for each metric with values, and for each class, or condition of several.
+    """Return a panel for each metric with values and each class, by metric and class.
 
-    The ceiling, settings of a parameter, and methods measured for their cost alone are left out.
+    Where a table has several classes there is a panel for each metric and condition. The ceiling,
+    settings of a parameter, and methods measured for their cost alone are left out.
     """
     shown = {}
-    undrawn = [method.id for method in COST_VARIANTS]
-    for metric in METRICS:
+    for metric in PLOTTED_METRICS:
         by_table = (table.frame[table.frame["metric"] == metric] for table in tables)
         rows = quality_frame(max(by_table, key=len))
         rows = rows[np.isfinite(rows["value"].astype(float))]
-        drawn = [
-            role(m) not in ("ceiling", "chosen") and find_setting(m) is None and m not in undrawn
-            for m in rows["method"]
-        ]
-        rows = rows[np.array(drawn, bool)].assign(hollow=rows["failed"])
+        left_out = rows["method"].map(_is_left_out)
+        rows = rows[~left_out.astype(bool)].assign(hollow=rows["failed"])
         by_class = rows["class"].nunique() > 1
-        for place, of_place in grouped(rows, "condition" if by_class else "class"):
-            shown[metric, place] = quality_panel(metric, of_place, by_class)
+        for name, of_name in grouped(rows, "condition" if by_class else "class"):
+            shown[metric, name] = quality_panel(metric, of_name, by_class)
     return shown
 
 
+def _is_left_out(method: str) -> bool:
+    """Return whether panels of quality do not draw a method."""
+    if role(method) in ("ceiling", "chosen") or find_setting(method) is not None:
+        return True
+    return method in [variant.id for variant in COST_VARIANTS]
+
+
 def quality_panel(metric: str, rows: pd.DataFrame, by_class: bool) -> SweepPanel:
-    """Return the panel of a metric: by condition, or of several classes at one by class."""
-    step = "class" if by_class else "condition"
-    steps = ordered(rows[step])
-    positions = [float(i) for i in range(len(steps))] if by_class else axis_positions(steps)
-    at = dict(zip(steps, positions, strict=True))
-    names = {name: condition_name(name) for name in steps}
-    kinds: dict[str, list[float]] = {}
-    for name in () if by_class else steps:
-        kinds.setdefault(names[name].kind, []).append(at[name])
-    hollow = bool(rows["hollow"].any())
+    """Return the panel of a metric.
+
+    by_class  whether rows are of several classes at one condition, and classes stand side by side;
+              else rows are of one class, and conditions stand side by side
+    """
+    title = axis_title(metric)
+    kinds: dict[float, str] = {}
+    if by_class:
+        title += f", {condition_words(rows['condition'].iloc[0])}"
+        classes = ordered(rows["class"])
+        ticks = {float(number): name for number, name in enumerate(classes)}
+        x = rows["class"].map({name: position for position, name in ticks.items()})
+        kind: Any = ""
+    else:
+        conditions = ordered(rows["condition"])
+        position_of = dict(zip(conditions, axis_positions(conditions), strict=True))
+        names = {condition: condition_name(condition) for condition in conditions}
+        ticks = {position_of[condition]: names[condition].short for condition in conditions}
+        by_kind: dict[str, list[float]] = {}
+        for condition in conditions:
+            by_kind.setdefault(names[condition].kind, []).append(position_of[condition])
+        # The name of a kind stands in the middle of its conditions.
+        kinds = {sum(of_kind) / len(of_kind): name for name, of_kind in by_kind.items()}
+        x = rows["condition"].map(position_of)
+        kind = rows["condition"].map(lambda condition: names[condition].kind)
     return SweepPanel(
-        rows.assign(
-            x=rows[step].map(at),
-            kind="" if by_class else rows[step].map(lambda name: names[name].kind),
-        ),
-        title=f"{axis_title(metric)}{f', {condition_words(rows.condition.iloc[0])}' * by_class}",
-        x_label="hollow: failed images are left out" * hollow,
-        ticks={x: name if by_class else names[name].short for name, x in at.items()},
-        kinds={sum(of_kind) / len(of_kind): kind for kind, of_kind in kinds.items()},
+        rows.assign(x=x, kind=kind),
+        title=title,
+        x_label="hollow: failed images are left out" if rows["hollow"].any() else "",
+        ticks=ticks,
+        kinds=kinds,
         turned=not higher_is_better(metric),
         joined=not by_class,
         y_scale="linear" if is_mean(metric) else "distance",
@@ -138,16 +164,18 @@ def family_panels(curves: pd.DataFrame) -> list[SweepPanel]:
     shown = []
     by_row = curves.groupby(["class", "metric"], sort=False)
     for row, ((class_name, metric), of_row) in enumerate(by_row):
-        title = axis_title(str(metric)) + f", {class_name}" * several
+        metric_title = axis_title(str(metric))
+        if several:
+            metric_title += f", {class_name}"
         for name in names:
-            family = FAMILY[name]
+            family = FAMILY_BY_ID[name]
             values = curves.loc[curves["family"] == name, "at"].unique()
-            at = [place_of(value, family) for value in values]
+            at = [axis_position(value, family) for value in values]
             shown.append(
                 SweepPanel(
                     _curve_frame(of_row[of_row["family"] == name], family),
-                    title=family.axis.partition(":")[0] * (row == 0),
-                    y_label=title.replace(" (", "\n(") * (name == names[0]),
+                    title=family.axis.partition(":")[0] if row == 0 else "",
+                    y_label=metric_title.replace(" (", "\n(") if name == names[0] else "",
                     ticks={x: f"{value:g}" for x, value in zip(at, values, strict=True)},
                     turned=not higher_is_better(str(metric)),
                     y_scale="linear" if is_mean(str(metric)) else "distance",
@@ -158,34 +186,40 @@ def family_panels(curves: pd.DataFrame) -> list[SweepPanel]:
 
 
 def _curve_frame(rows: pd.DataFrame, family: Family) -> pd.DataFrame:
+    """Return the points of a panel, with `text`, the value as printed."""
     texts = [
-        measured(tuple(row[name] for name in VALUE), row["metric"], row["method"]).text
-        for row in records(rows)
+        metric_cell(tuple(row[name] for name in VALUE), row["metric"], row["method"]).text
+        for row in row_mappings(rows)
     ]
-    x = [place_of(value, family) for value in rows["at"]]
+    x = [axis_position(value, family) for value in rows["at"]]
     return rows.rename(columns={"ci_low": "low", "ci_high": "high"}).assign(x=x, text=texts)
 
 
 def _bands(family: Family, at: Sequence[float]) -> list[tuple[str, float, float]]:
-    """Return where each network was trained; a single value, or the first step, has some width."""
+    """Return the band (method, left, right) of the values that each network was trained on.
+
+    A band of a single value has some width, and one up to an end of the axis reaches beyond it.
+    """
     pad, bands = _PAD * abs(at[-1] - at[0]), []
     for method, *ends in family.trained:
-        low, high = sorted(place_of(end, family) for end in ends)
+        low, high = sorted(axis_position(end, family) for end in ends)
         single = low == high
-        low, high = low - pad * (single or low <= min(at)), high + pad * (single or high >= max(at))
-        bands.append((method, low, high))
+        left = low - pad if single or low <= min(at) else low
+        right = high + pad if single or high >= max(at) else high
+        bands.append((method, left, right))
     return bands
 
 
 def family_figure(shown: Sequence[SweepPanel], styles: Styles, **size: Any) -> Figure:
-    """Return metrics along families of conditions: worse clouds to the right."""
+    """Return the panels of families of conditions: worse clouds are to the right."""
     columns = sum(bool(panel.title) for panel in shown)
     size = {"columns": columns, "panel_in": 1.9, "sharey": "row"} | size
     figure = sweep_figure(shown, styles, **size)
     for axis, panel in zip(figure.axes, shown, strict=True):
         at = list(panel.ticks or ())
         pad = 2 * _PAD * (at[-1] - at[0])
-        axis.set_xlim(at[0] - pad, at[-1] + pad)  # a falling number of points, too
+        # The steps of a family may fall, as numbers of points do: the axis then runs to the left.
+        axis.set_xlim(at[0] - pad, at[-1] + pad)
         if len(at) > 3:
             axis.tick_params(axis="x", labelrotation=60)
     return figure
@@ -194,33 +228,56 @@ def family_figure(shown: Sequence[SweepPanel], styles: Styles, **size: Any) -> F
 def described(panel: SweepPanel) -> str:
     """Return the values of a panel in words, for readers who do not see it."""
     by_method = grouped(panel.values, "method")
-    return " ".join(f"{m}: {', '.join(p['condition'] + ' ' + p['text'])}." for m, p in by_method)
+    sentences = []
+    for method, points in by_method:
+        values = ", ".join(points["condition"] + " " + points["text"])
+        sentences.append(f"{method}: {values}.")
+    return " ".join(sentences)
 
 
 def _frontier_frame(points: pd.DataFrame) -> pd.DataFrame:
-    """Return the points that have a place on axes, which may be logarithmic, and `text` in words.
+    """Return the points that are drawn, with `panel`, its title, and `text`, what they say.
 
-    The points are as `bench.analysis.frontier.places` returns them. The ceiling has no place; a
-    floor has no cost and needs none.
+    points  as `bench.analysis.frontier.frontier_verdicts` returns them
+
+    Axes may be logarithmic: costs and distances that are not over 0 are left out, and so is the
+    ceiling. A floor has no cost and is drawn as a line.
     """
     several = points["class"].nunique() > 1
     drawn = []
-    for p in records(points):
-        positive = p["metric"] in IMAGE_METRICS or p["value"] > 0
-        costs = math.isfinite(p["cost_ms"]) and p["cost_ms"] > 0
-        seen = (costs and role(p["method"]) != "ceiling") or role(p["method"]) == "floor"
-        if seen and positive and math.isfinite(p["value"]):
-            words = condition_words(p["condition"]) + f", {p['class']}" * several
-            drawn.append(p | {"panel": words, "text": _text(p)})
-    names = dict(
-        zip((*COST, *VALUE[1:]), ("cost", "cost_low", "cost_high", "low", "high"), strict=True)
-    )
+    for point in row_mappings(points):
+        if not _is_drawn(point):
+            continue
+        title = condition_words(point["condition"])
+        if several:
+            title += f", {point['class']}"
+        drawn.append(point | {"panel": title, "text": _text(point)})
+    names = {
+        "cost_ms": "cost",
+        "cost_ci_low": "cost_low",
+        "cost_ci_high": "cost_high",
+        "ci_low": "low",
+        "ci_high": "high",
+    }
     return pd.DataFrame(drawn, columns=[*points, "panel", "text"]).rename(columns=names)
 
 
-def _text(place: Mapping[str, Any]) -> str:
-    method = place["method"]
-    value = measured(tuple(place[name] for name in VALUE), place["metric"], method).text
+def _is_drawn(point: Mapping[str, Any]) -> bool:
+    """Return whether a point can stand on the axes of quality and cost."""
+    if not math.isfinite(point["value"]):
+        return False
+    if point["metric"] not in IMAGE_METRICS and point["value"] <= 0:
+        return False  # the axis of distances is logarithmic
+    if role(point["method"]) == "floor":
+        return True
+    has_cost = math.isfinite(point["cost_ms"]) and point["cost_ms"] > 0
+    return has_cost and role(point["method"]) != "ceiling"
+
+
+def _text(point: Mapping[str, Any]) -> str:
+    """Return the cost and the value of a point in words."""
+    method = point["method"]
+    value = metric_cell(tuple(point[name] for name in VALUE), point["metric"], method).text
     if role(method) == "floor":
         return f"{method}: {value}, looks at no cloud"
     verdicts = {
@@ -228,20 +285,23 @@ def _text(place: Mapping[str, Any]) -> str:
         "below a white image": ", below a white image",
         "claimed": ", cost as claimed",
     }
-    verdict = verdicts.get(place["verdict"], "")
-    failures = scored_as_blank(place["n_ok"], place["n"])
-    cost = f"{milliseconds(place['cost_ms'])} ms"
-    return f"{method}: {cost}, {value}{verdict}{f' ({failures})' if failures else ''}"
+    verdict = verdicts.get(point["verdict"], "")
+    text = f"{method}: {milliseconds(point['cost_ms'])} ms, {value}{verdict}"
+    failures = scored_as_blank(point["n_ok"], point["n"])
+    return f"{text} ({failures})" if failures else text
 
 
 def cost_figures(points: pd.DataFrame, styles: Styles) -> dict[str, tuple[Figure, str]]:
-    """Return a figure of each metric that a method with a cost has a value of, and it in words."""
+    """Return by metric the figure of quality against cost, and what it shows in words.
+
+    A metric has no figure where no method that competes has a cost and a value.
+    """
     figures = {}
     for metric, of_metric in _frontier_frame(points).groupby("metric", sort=False):
         rivals = of_metric[[not role(method) for method in of_metric["method"]]]
         if not rivals.empty:
             views = int(rivals["views"].iloc[0])
-            x_label = f"ms for a cloud with {views} view{'s' * (views > 1)}"
+            x_label = f"ms for a cloud with {counted(views, 'view')}"
             by_panel = grouped(rivals.sort_values("cost"), "panel")
             words = [f"{panel}: {'; '.join(rows['text'])}." for panel, rows in by_panel]
             figures[metric] = frontier_figure(of_metric, styles, x_label), " ".join(words)
@@ -253,13 +313,14 @@ def write_figures(
 ) -> None:
     """Write robustness curves (after Tables 3 and 4), image grids and a sheet of thin parts.
 
-    The grids are the paper's Figures 1 and 3. `artifacts` are all of the run, ground truths
-    included. Nothing is written where all methods have failed.
+    The grids are after the paper's Figures 1 and 3. `artifacts` are all images of the run, the true
+    ones included. Nothing is written where all methods have failed.
     """
     if all(name.method == GROUND_TRUTH for name in artifacts):
         return
     folder = directory / FIGURES
-    styles = method_styles(ordered(m for table in tables for m in table.frame["method"]))
+    methods = pd.concat([table.frame["method"] for table in tables])
+    styles = method_styles(ordered(methods))
     if shown := list(quality_panels(tables).values()):
         _save_both(quality_figure(shown, styles), folder / "robustness")
     conditions = ordered(name.condition for name in artifacts if name.condition)
@@ -285,8 +346,8 @@ def write_beyond_figures(
     """Write `beyond` (PNG and SVG) and `beyond-pictures.png`.
 
     The latter has the first view of the first objects, whatever they are, at each condition,
-    family after family. `artifacts` are all of the run, ground truths included. Ceiling
-    and floors have no image.
+    family after family, drawn by all methods that compete. `artifacts` are all images of the run,
+    the true ones included.
     """
     folder = directory / FIGURES
     styles = method_styles(ordered(curves["method"]))
@@ -307,11 +368,11 @@ def write_class_figures(
     `artifacts` are all images, ground truths included. Without pc2pix or without SR there is no
     second figure; where all methods have failed, none.
     """
-    cells = [name for name in artifacts if name.condition]
-    if not cells:
+    drawn = [name for name in artifacts if name.condition]  # ground truths have no condition
+    if not drawn:
         return
     folder = directory / FIGURES
-    methods = ordered(name.method for name in cells)
+    methods = ordered(name.method for name in drawn)
     write_classes(folder / "classes.png", headline.frame, artifacts)
     network = network_of(methods)
     if network is not None and SURFACE in methods:
@@ -325,47 +386,60 @@ def _paper_dots(frame: pd.DataFrame, network: str, published: Published) -> pd.D
     """Return the distances of SR and the network by class: ours with intervals, and the paper's."""
     finite = {*frame.loc[np.isfinite(frame["value"]), "metric"]}
     metric = next((m for m in (PAPER_METRIC, "fd-views") if m in finite), None)
-    ours = f"here: {metric} (lower is better)"
-    at = (frame["metric"] == metric) & (frame["condition"] == frame["condition"].iloc[0])
-    shown = frame[at & frame["method"].isin([SURFACE, network])]
-    values = shown[["class", "method", "value", "ci_low", "ci_high"]]
-    dots = [(ours, *row) for row in values.itertuples(index=False, name=None)]
-    dots += [
-        ("the paper, on ShapeNet: FID", name, method, value, np.nan, np.nan)
-        for name in ordered(name for _, name, *_ in dots)
-        for method, of_paper in ((SURFACE, SURFACE), (network, PAPER_NETWORK))
-        if (value := published.get((name, PAPER_METRIC, "2048", of_paper))) is not None
-    ]
-    columns = ["panel", "row", "method", "value", "low", "high"]
-    return pd.DataFrame(dots, columns=columns).assign(turned=True)
+    is_shown = (frame["metric"] == metric) & (frame["condition"] == frame["condition"].iloc[0])
+    shown = frame[is_shown & frame["method"].isin([SURFACE, network])]
+    ours = shown[["class", "method", "value", "ci_low", "ci_high"]].rename(
+        columns={"class": "row", "ci_low": "low", "ci_high": "high"}
+    )
+    ours.insert(0, "panel", f"here: {metric} (lower is better)")
+    of_paper = []
+    for class_name in ordered(ours["row"]):
+        for method, published_as in ((SURFACE, SURFACE), (network, PAPER_NETWORK)):
+            value = published.get((class_name, PAPER_METRIC, "2048", published_as))
+            if value is not None:
+                of_paper.append(
+                    {
+                        "panel": "the paper, on ShapeNet: FID",
+                        "row": class_name,
+                        "method": method,
+                        "value": value,
+                        "low": np.nan,
+                        "high": np.nan,
+                    }
+                )
+    dots = [*row_mappings(ours), *of_paper]
+    return pd.DataFrame(dots, columns=[*ours.columns]).assign(turned=True)
 
 
 def differences_figure(differences: Differences) -> Figure | None:
     """Return b - a with its interval, better to the right: a panel for each metric.
 
-    A row is a cell: a method, condition and class. Cells without a difference are left out; return
-    None where no cell is left.
+    A row is a condition, with the class where there are several, and the method where it is the
+    same on both sides. Rows without a difference are left out; None where no row is left.
     """
-    cells = differences.cells[differences.cells["difference"].notna()]
-    if cells.empty:
+    rows = differences.rows[differences.rows["difference"].notna()]
+    if rows.empty:
         return None
-    several = cells["class"].nunique() > 1
-    dots = [
-        {
-            "panel": axis_title(cell["metric"]),
-            "turned": not higher_is_better(cell["metric"]),
-            "row": ", ".join(
-                [
-                    *[cell["method_b"]] * (cell["method_a"] == cell["method_b"]),
-                    condition_name(cell["condition"]).brief,
-                    *[cell["class"]] * several,
-                ]
-            ),
-            "method": AHEAD[cell["ahead"]][0],
-            **{"value": cell["difference"], "low": cell["ci_low"], "high": cell["ci_high"]},
-        }
-        for cell in records(cells)
-    ]
+    several = rows["class"].nunique() > 1
+    dots = []
+    for row in row_mappings(rows):
+        name = [condition_name(row["condition"]).brief]
+        if row["method_a"] == row["method_b"]:
+            name.insert(0, row["method_b"])
+        if several:
+            name.append(row["class"])
+        words, _ = AHEAD[row["ahead"]]
+        dots.append(
+            {
+                "panel": axis_title(row["metric"]),
+                "turned": not higher_is_better(row["metric"]),
+                "row": ", ".join(name),
+                "method": words,
+                "value": row["difference"],
+                "low": row["ci_low"],
+                "high": row["ci_high"],
+            }
+        )
     figure = dots_figure(pd.DataFrame(dots), dict(AHEAD.values()), zero=True)
     figure.supxlabel(visible(f"{differences.b} against {differences.a}"), fontsize=TEXT)
     return figure
@@ -374,7 +448,7 @@ def differences_figure(differences: Differences) -> Figure | None:
 def write_differences(path: Path, differences: Differences) -> None:
     """Write the figure as PNG and SVG beside each other; `path` is without suffix.
 
-    Raises OSError. Nothing is written where no cell has a difference.
+    Raises OSError. Nothing is written where no row has a difference.
     """
     figure = differences_figure(differences)
     if figure is not None:

@@ -19,16 +19,16 @@ from bench.running.protocol import Protocol
 from bench.running.work import cloud_under
 from data_prep.failures import BadInput, StageFailure
 
-_CACHED = 32  # images of jobs held in memory, of about 1 MB each
+_CACHED = 32  # jobs whose images are held in memory, about 1 MB each; and as many clouds
 
 
 @dataclass(frozen=True, eq=False)
 class Sources:
     """The images and clouds of a run, by the names of its jobs.
 
-    artifacts  the images of jobs
-    clouds     a job with the same cloud, by the name with an empty method
-    unseen     why there are no clouds; empty where there are
+    artifacts  where the images of jobs are stored
+    clouds     by the name of a job without its method, a job whose cloud is the same
+    unseen     why clouds cannot be made again; empty where they can
     """
 
     artifacts: Mapping[JobName, Artifact]
@@ -51,7 +51,7 @@ class Sources:
 
 
 def open_sources(directory: Path, manifest: Mapping[str, Any], shown: Sequence[JobName]) -> Sources:
-    """Return images and clouds of a run; clouds only of the objects and conditions of `shown`.
+    """Open the images of a run, and the clouds of the objects and conditions of `shown`.
 
     Raises BadInput where its store cannot be read.
     """
@@ -63,7 +63,10 @@ def open_sources(directory: Path, manifest: Mapping[str, Any], shown: Sequence[J
 
 
 def _cloud_jobs(manifest: Mapping[str, Any], shown: Sequence[JobName]) -> dict[JobName, Job]:
-    """Return a job for the cloud of each object and condition. Raises BadInput without dataset."""
+    """Return a job for the cloud of each object and condition.
+
+    Raises BadInput where the data set is not there.
+    """
     conditions = dict.fromkeys(name.condition for name in shown if name.condition)
     objects = ("/".join(name.object) for name in shown)
     protocol = Protocol.from_manifest(manifest, (FLOOR,), conditions, objects)

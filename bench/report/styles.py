@@ -9,38 +9,61 @@ from typing import Literal
 from bench.catalogue.lookup import family_of
 from bench.catalogue.methods import BUNDLED, find_setting, role
 
-Dashes = str | tuple[int, tuple[float, ...]]
+Dashes = str | tuple[int, tuple[float, ...]]  # a line style of matplotlib
 Fill = Literal["full", "left", "right", "top", "bottom"]
 
-# Colours of the page's style sheet in light; in dark it replaces them one by one.
+# Colours of the page's style sheet for light screens; for dark ones it replaces each by another.
 INK, PAPER, SOFT, RULE, SHADE = "#000000", "#ffffff", "#535b64", "#d9d6d0", "#f2f0ec"
 # They differ in lightness, too: by at least 20 (CIE76) for each kind of colour blindness. On paper
 # and shade they have a contrast of 3, enough for lines and markers; words are in ink.
 HUES = ("#2578f5", "#d66920", "#2e8551", "#520066", "#4a3a00", "#e8208f", "#32545c", "#15181b")
-# Forms differ too: a method is never identified by its hue alone.
+# Methods differ in marker and dashes, too: none is identified by its hue alone.
 _MARKERS = ("o", "s", "^", "D", "v", ">", "<", "X")
 _DASHES: tuple[Dashes, ...] = (
-    *("-", (0, (5.5, 2.5)), (0, (2, 2)), (0, (6, 2, 1.2, 2)), (0, (9, 2.5))),
-    *((0, (4, 1.2, 1.2, 1.2, 1.2, 1.2)), (0, (0.8, 2.5)), (0, (3, 3.5))),
+    "-",
+    (0, (5.5, 2.5)),
+    (0, (2, 2)),
+    (0, (6, 2, 1.2, 2)),
+    (0, (9, 2.5)),
+    (0, (4, 1.2, 1.2, 1.2, 1.2, 1.2)),
+    (0, (0.8, 2.5)),
+    (0, (3, 3.5)),
 )
 _FILLS: tuple[Fill, ...] = ("full", "left", "right", "top", "bottom")
 _FLOOR_DASHES: tuple[Dashes, ...] = ((0, (6, 3)), (0, (2, 2)))
 # The families of most plots: these eight differ in hue, marker and dashes at once.
 _COMMON_FAMILIES = (
-    *("surface-apss", "splat-net", "pc2pix", "splat"),
-    *("best-classical", "alpha-wrap", "fused-net", "denoised-wrap"),
+    "surface-apss",
+    "splat-net",
+    "pc2pix",
+    "splat",
+    "best-classical",
+    "alpha-wrap",
+    "fused-net",
+    "denoised-wrap",
 )
-# The next ones, in an order that gives the methods of a default run a hue each. Rows that choose a
-# method have a place here so that a new family does not change their style.
+# The next families, in an order in which the methods of a default run differ in hue. Rows that
+# choose a method (`best-classical`) are listed too: a new family then does not change their style.
 _FURTHER_FAMILIES = (
-    *("best-learned-3d", "poisson", "occupancy-net", "surface-fit", "surface-bpa", "splat-fill"),
-    *("points2pix", "open3d-poisson", "upsampled-wrap"),
+    "best-learned-3d",
+    "poisson",
+    "occupancy-net",
+    "surface-fit",
+    "surface-bpa",
+    "splat-fill",
+    "points2pix",
+    "open3d-poisson",
+    "upsampled-wrap",
 )
 
 
 @dataclass(frozen=True)
 class MethodStyle:
-    """The style of a method; `marker` is empty for a floor, which is only a line."""
+    """The style of a method in figures.
+
+    marker  of matplotlib; empty for a floor, which is drawn as a line
+    fill    the part of the marker that is filled
+    """
 
     colour: str
     marker: str
@@ -49,16 +72,16 @@ class MethodStyle:
 
 
 def rivals(methods: Iterable[str]) -> list[str]:
-    """Return the methods that one could choose."""
+    """Return the methods that compete: all but reference methods and rows that choose one."""
     return [method for method in methods if not role(method)]
 
 
 def method_styles(methods: Iterable[str]) -> dict[str, MethodStyle]:
-    """Return the style of each method, which does not depend on what else is drawn.
+    """Return the style of each method, which for bundled ones does not depend on the others.
 
-    A family has one hue and marker; its variants differ in dashes and in the filled part of the
-    marker, values of a parameter in nothing. Families of other packages follow ours in the order
-    of `methods`. Floors are dashed lines.
+    A family has one hue and one marker; its variants differ in dashes and in the filled part of the
+    marker. A method with another value of a parameter looks like the method. Families of other
+    packages get the next styles, in the order of `methods`. Floors are dashed lines.
     """
     ours = (*_COMMON_FAMILIES, *_FURTHER_FAMILIES)
     variants: dict[str, list[str]] = {family: [] for family in ours}

@@ -23,7 +23,7 @@ from bench.analysis.comparison import (
     milliseconds,
     worse_than_blank,
 )
-from bench.analysis.frontier import places
+from bench.analysis.frontier import frontier_verdicts
 from bench.analysis.intervals import FEWEST
 from bench.analysis.paired import Verdicts
 from bench.analysis.paper import network_of
@@ -33,36 +33,42 @@ from bench.catalogue.lookup import family_of
 from bench.catalogue.methods import COST_VARIANTS, FLOOR, find_setting
 from bench.tables.grid import ordered
 
-NAMED = 3  # methods named beside each other
-ALIKE = 1.1  # costs that differ by a smaller factor are given as one
-# What the network is, by who is ahead and, where there are too few objects, by the means.
+NAMED = 3  # methods that are named beside each other; the others are counted
+ALIKE = 1.1  # costs of which the highest is below this multiple of the lowest are given as one
+# What is said of the network against a rival, by who is ahead.
 SHOWN = {"b": "ahead of {}", "a": "behind {}", "tie": "not shown to differ from {}"}
-_BY_MEAN = ("behind {} by its mean alone", "ahead of {} by its mean alone")
 
 
 class Statement(NamedTuple):
-    """A line of the answer; `entries` are (methods, text that follows their names)."""
+    """A line of the answer: what it is about, and entries of (methods, text after their names)."""
 
     term: str
     entries: tuple[tuple[tuple[str, ...], str], ...]
 
 
 @dataclass(frozen=True)
-class _Cell:
-    """A metric at a condition, with the methods that compete and drew an image, the best first."""
+class _Contest:
+    """The methods by one metric at one condition.
 
-    rows: Mapping[str, Row]  # of the comparison, by method; of blank, too
+    rows     rows of the comparison by method, also of `blank`
+    methods  those that compete and have drawn an image, the best first
+    """
+
+    rows: Mapping[str, Row]
     metric: str
     condition: str
     methods: tuple[str, ...]
     verdicts: Verdicts
 
     def ahead(self, a: str, b: str) -> str:
-        at = self.metric, self.condition, self.rows[a]["class"]
-        return self.verdicts.difference(a, b, *at)["ahead"]
+        """Return who of two methods is ahead: "a", "b", "tie" or "unknown"."""
+        class_name = self.rows[a]["class"]
+        difference = self.verdicts.difference(a, b, self.metric, self.condition, class_name)
+        return difference["ahead"]
 
     @property
     def leader(self) -> str:
+        """Return the best method by its mean."""
         return self.methods[0]
 
     @property
@@ -78,161 +84,221 @@ class _Cell:
 
     @property
     def rivals(self) -> tuple[str, ...]:
-        """Return the undecided methods of other families."""
+        """Return those of other families than the leader that are not shown to be behind it."""
         return tuple(m for m in self.undecided if family_of(m) != family_of(self.leader))
 
-    def cheapest(self, views: int) -> tuple[str, float] | None:
-        """Return the cheapest method of the frontier that no other is shown to be better than.
+    def clear_leader(self) -> tuple[str, ...]:
+        """Return the leader where it is shown to be ahead of all other families, else nothing."""
+        return () if self.rivals else (self.leader,)
 
-        With its cost, milliseconds; None where there is none.
+    def undecided_families(self) -> tuple[str, ...]:
+        """Return the leader and its rivals; nothing where it has none."""
+        return (self.leader, *self.rivals) if self.rivals else ()
+
+    def undecided_variants(self) -> tuple[str, ...]:
+        """Return the leader and variants of it that it is not shown to be ahead of.
+
+        Nothing where there are none, or where a method of another family is undecided as well.
         """
-        points = places(pd.DataFrame(self.rows.values()), views, self.verdicts)
+        if self.rivals or not self.undecided:
+            return ()
+        return (self.leader, *self.undecided)
+
+    def cheapest(self, views: int) -> tuple[str, float] | None:
+        """Return the cheapest method that no other is shown to be better than, and its cost in ms.
+
+        Only methods on the frontier are considered. None where there is none.
+        """
+        points = frontier_verdicts(pd.DataFrame(self.rows.values()), views, self.verdicts)
         frontier = points[points["verdict"] == "frontier"].set_index("method")["cost_ms"]
-        unbeaten = [
-            m
-            for m in self.methods
-            if m in frontier and not any(self.ahead(m, o) == "b" for o in self.methods if o != m)
-        ]
-        return min(((m, frontier[m]) for m in unbeaten), key=lambda costed: costed[1], default=None)
+        unbeaten = [m for m in self.methods if m in frontier and not self._is_beaten(m)]
+        cheapest = min(unbeaten, key=frontier.__getitem__, default=None)
+        return None if cheapest is None else (cheapest, frontier[cheapest])
+
+    def _is_beaten(self, method: str) -> bool:
+        """Return whether any other method is shown to be better."""
+        others = [other for other in self.methods if other != method]
+        return any(self.ahead(method, other) == "b" for other in others)
 
 
 def in_short(compared: pd.DataFrame, metrics: Sequence[str], views: int) -> tuple[Statement, ...]:
     """Return the answer of a run, line by line.
 
-    compared  a comparison of one class; of several classes all objects together
-    metrics   metrics of images that the comparisons have, the most important first
+    compared  a comparison of one class; of several classes that of all objects together
+    metrics   metrics of images that the comparison has, the most important first
     views     number of views of a cloud
 
-    A line for each question that the run answers, the paper's first.
+    It has a line for each question that the run answers, the paper's first.
     """
     verdicts, every = Verdicts(compared), ordered(compared["condition"])
-    of_cost = [method.id for method in COST_VARIANTS]
-    chosen = [
-        m for m in candidates(compared["method"]) if find_setting(m) is None and m not in of_cost
+    for_cost_alone = [method.id for method in COST_VARIANTS]
+    considered = [
+        method
+        for method in candidates(compared["method"])
+        if find_setting(method) is None and method not in for_cost_alone
     ]
-    competing = compared[compared["method"].isin([*chosen, FLOOR])]
-    cells = []
+    competing = compared[compared["method"].isin([*considered, FLOOR])]
+    contests = []
     for metric, condition in product(metrics, every):
-        at = (competing["metric"] == metric) & (competing["condition"] == condition)
-        drew = competing[at & (competing["n_ok"] > 0) & (competing["method"] != FLOOR)]
-        rows = {row["method"]: row for row in competing[at].to_dict("records")}
-        if methods := tuple(best_first(drew)["method"]):
-            cells.append(_Cell(rows, metric, condition, methods, verdicts))
-    if not cells:
+        rows = competing[(competing["metric"] == metric) & (competing["condition"] == condition)]
+        drew = rows[(rows["n_ok"] > 0) & (rows["method"] != FLOOR)]
+        methods = tuple(best_first(drew)["method"])
+        if methods:
+            by_method = {row["method"]: row for row in rows.to_dict("records")}
+            contests.append(_Contest(by_method, metric, condition, methods, verdicts))
+    if not contests:
         none = "no image of a method that competes was scored, nothing can be said"
         return (Statement("No answer", (((), none),)),)
     lines = (
-        _question(cells, every),
-        *_leads(cells, every),
-        _below_blank(cells, every),
-        _cheapest(cells, views, every),
+        _question(contests, every),
+        *_leads(contests, every),
+        _below_blank(contests, every),
+        _cheapest(contests, views, every),
     )
     return tuple(line for line in lines if line.entries)
 
 
-def _question(cells: Sequence[_Cell], every: Sequence[str]) -> Statement:
-    """Return the paper's question: its network against the best that learns nothing."""
-    best = CHOSEN[BEST_CLASSICAL]
-    by_words: dict[str, list[_Cell]] = {}
+def _question(contests: Sequence[_Contest], every: Sequence[str]) -> Statement:
+    """Return the answer to the paper's question: its network against the best that learns nothing.
+
+    That rival is `best-classical` of the catalogue, or else surface reconstruction.
+    """
+    best_classical = CHOSEN[BEST_CLASSICAL]
+    by_words: dict[str, list[_Contest]] = {}
     network = ""
-    for cell in cells:
-        methods = [method for method in cell.rows if method in cell.methods]
+    for contest in contests:
+        methods = [method for method in contest.rows if method in contest.methods]
         network = network_of(methods) or network
-        surface = next((m for m in methods if m.startswith("surface-")), None)
-        at = (cell.metric, cell.condition)
-        rival = best.best([at], methods).get(at, surface)
+        surface = next((method for method in methods if method.startswith("surface-")), None)
+        key = (contest.metric, contest.condition)
+        rival = best_classical.best([key], methods).get(key, surface)
         if network in methods and rival:
-            by_mean = _BY_MEAN[is_better(cell.rows[network], cell.rows[rival])]
-            words = SHOWN.get(cell.ahead(rival, network), by_mean)
-            by_words.setdefault(words.format(rival), []).append(cell)
+            words = _against(contest, network, rival)
+            by_words.setdefault(words, []).append(contest)
     entries = [
-        ((network,), f"{words} at {text}")
+        ((network,), f"{words} at {_where(of_words, every)}")
         for words, of_words in by_words.items()
-        for _, text in _statement("", lambda cell: (network,), of_words, every).entries
     ]
     return Statement("pc2pix against what learns nothing", tuple(entries))
 
 
-def _leads(cells: Sequence[_Cell], every: Sequence[str]) -> Iterable[Statement]:
-    """Yield who is ahead, shown or not decided, or why there is nothing to decide."""
-    if all(len(cell.methods) == 1 for cell in cells):
-        yield Statement("One method", (((cells[0].leader,), "has nothing to be compared with"),))
-    elif not any(cell.decides for cell in cells):
-        first = cells[0].rows[cells[0].leader]
+def _against(contest: _Contest, network: str, rival: str) -> str:
+    """Return how the network does against a rival; by the means where objects are too few."""
+    ahead = contest.ahead(rival, network)
+    if ahead in SHOWN:
+        return SHOWN[ahead].format(rival)
+    if is_better(contest.rows[network], contest.rows[rival]):
+        return f"ahead of {rival} by its mean alone"
+    return f"behind {rival} by its mean alone"
+
+
+def _leads(contests: Sequence[_Contest], every: Sequence[str]) -> Iterable[Statement]:
+    """Yield who is ahead, where that is shown and where not, or why nothing can be decided."""
+    leader = contests[0].leader
+    if all(len(contest.methods) == 1 for contest in contests):
+        yield Statement("One method", (((leader,), "has nothing to be compared with"),))
+    elif not any(contest.decides for contest in contests):
+        first = contests[0].rows[leader]
         objects = objects_in_words(len(first["objects"]), first["class"])
         decide = f"{objects} here: at least {FEWEST} are needed"
         yield Statement("Not decided", (((), f"nothing can be shown with {decide}"),))
-        yield _statement("Best by its mean alone", lambda cell: (cell.leader,), cells, every)
+        yield _statement("Best by its mean alone", lambda at: (at.leader,), contests, every)
     else:
-        terms: dict[str, Callable[[_Cell], tuple[str, ...]]] = {
-            "Ahead of all other families": lambda c: () if c.rivals else (c.leader,),
-            "Not decided from second place": lambda c: c.rivals and (c.leader, *c.rivals),
-            "Not decided between variants": lambda c: (
-                () if c.rivals or not c.undecided else (c.leader, *c.undecided)
-            ),
-        }
-        for term, methods_of in terms.items():
-            yield _statement(term, methods_of, cells, every)
+        ahead, families, variants = (
+            "Ahead of all other families",
+            "Not decided from second place",
+            "Not decided between variants",
+        )
+        yield _statement(ahead, _Contest.clear_leader, contests, every)
+        yield _statement(families, _Contest.undecided_families, contests, every)
+        yield _statement(variants, _Contest.undecided_variants, contests, every)
+
+
+def counted(count: int, noun: str, many: str = "s") -> str:
+    """Return a number with its noun, which has the end `many` unless the number is 1."""
+    return f"{count} {noun}" if count == 1 else f"{count} {noun}{many}"
 
 
 def objects_in_words(count: int, class_name: str) -> str:
     """Return a number of objects of a class, or of `ALL` classes, with their name."""
     if class_name == ALL or not class_name.isalpha():
-        return f"{count} object{'s' * (count != 1)}"
+        return counted(count, "object")
     many = "es" if class_name.endswith(("s", "x", "ch", "sh")) else "s"
-    return f"{count} {class_name}{many * (count != 1)}"
+    return counted(count, class_name, many)
 
 
-def _below_blank(cells: Sequence[_Cell], every: Sequence[str]) -> Statement:
-    """Return the methods that a white image is better than; those with the same places together."""
-    methods: dict[str, tuple[str, ...]] = {}
-    for method in dict.fromkeys(m for cell in cells for m in cell.methods):
-        below = [
-            cell
-            for cell in cells
-            if method in cell.methods
-            and method in worse_than_blank(pd.DataFrame(cell.rows.values()))
-        ]
-        for _, text in _statement("", lambda cell: ("",), below, every).entries:
-            methods[text] = (*methods.get(text, ()), method)
-    entries = tuple((of_text, text) for text, of_text in methods.items())
+def _below_blank(contests: Sequence[_Contest], every: Sequence[str]) -> Statement:
+    """Return the methods that a white image is better than, and where that is so."""
+    methods_by_text: dict[str, tuple[str, ...]] = {}
+    for method in dict.fromkeys(method for contest in contests for method in contest.methods):
+        below = []
+        for contest in contests:
+            if method not in contest.methods:
+                continue
+            if method in worse_than_blank(pd.DataFrame(contest.rows.values())):
+                below.append(contest)
+        if below:
+            text = _where(below, every)
+            methods_by_text[text] = (*methods_by_text.get(text, ()), method)
+    entries = tuple((methods, text) for text, methods in methods_by_text.items())
     return Statement("Below a white image", entries)
 
 
-def _cheapest(cells: Sequence[_Cell], views: int, every: Sequence[str]) -> Statement:
-    chosen = [(c, *costed) for c in cells if c.decides and (costed := c.cheapest(views))]
+def _cheapest(contests: Sequence[_Contest], views: int, every: Sequence[str]) -> Statement:
+    """Return the cheapest method that nothing beats in each contest, with its cost."""
+    won: dict[str, list[tuple[_Contest, float]]] = {}
+    for contest in contests:
+        cheapest = contest.cheapest(views) if contest.decides else None
+        if cheapest is not None:
+            method, cost_ms = cheapest
+            won.setdefault(method, []).append((contest, cost_ms))
+    drawn = f"its {views} views" if views > 1 else "one view"
     entries = []
-    for method in ordered(method for _, method, _ in chosen):
-        of_method = [cell for cell, cheapest, _ in chosen if cheapest == method]
-        costs = [cost for _, cheapest, cost in chosen if cheapest == method]
+    for method, of_method in won.items():
+        costs = [cost_ms for _, cost_ms in of_method]
         low, high = min(costs), max(costs)
-        text = milliseconds(low if high < ALIKE * low else high)
-        text = text if high < ALIKE * low else f"{milliseconds(low)} to {text}"
-        drawn = f"its {views} views" if views > 1 else "one view"
-        ((_, where),) = _statement("", lambda cell: ("",), of_method, every).entries
+        if high < ALIKE * low:
+            text = milliseconds(low)
+        else:
+            text = f"{milliseconds(low)} to {milliseconds(high)}"
+        where = _where([contest for contest, _ in of_method], every)
         entries.append(((method,), f"{text} ms for a cloud with {drawn}; {where}"))
     return Statement("Cheapest that nothing beats", tuple(entries))
 
 
 def _statement(
     term: str,
-    methods_of: Callable[[_Cell], tuple[str, ...]],
-    cells: Iterable[_Cell],
+    methods_of: Callable[[_Contest], tuple[str, ...]],
+    contests: Iterable[_Contest],
     every: Sequence[str],
 ) -> Statement:
-    """Return a line of the places (conditions and metrics) of each group of methods."""
-    where: dict[tuple[str, ...], dict[str, list[str]]] = {}
-    for cell in cells:
-        if methods := methods_of(cell):
-            at = where.setdefault(methods, {}).setdefault(cell.metric, [])
-            at.append(cell.condition)
+    """Return a line with an entry for each group of methods: at which conditions, by which metrics.
+
+    methods_of  returns the methods that a contest names, none where it has no part in the line
+    every       all conditions of the run, in their order
+    """
+    by_methods: dict[tuple[str, ...], list[_Contest]] = {}
+    for contest in contests:
+        if methods := methods_of(contest):
+            by_methods.setdefault(methods, []).append(contest)
     entries = []
-    for methods, by_metric in where.items():
-        by_place: dict[str, list[str]] = {}
-        for metric, conditions in by_metric.items():
-            by_place.setdefault(conditions_in_words(conditions, every), []).append(metric)
-        parts = [f"{place} ({', '.join(of_place)})" for place, of_place in by_place.items()]
-        more = len(methods) - NAMED
-        rest = f"and {more} more, " if more > 0 else ""
-        entries.append((methods[:NAMED], rest + "; ".join(parts)))
+    for methods, of_methods in by_methods.items():
+        text = _where(of_methods, every)
+        if len(methods) > NAMED:
+            text = f"and {len(methods) - NAMED} more, {text}"
+        entries.append((methods[:NAMED], text))
     return Statement(term, tuple(entries))
+
+
+def _where(contests: Iterable[_Contest], every: Sequence[str]) -> str:
+    """Return the conditions and metrics of contests in words: "every condition (ssim, lpips)"."""
+    by_metric: dict[str, list[str]] = {}
+    for contest in contests:
+        by_metric.setdefault(contest.metric, []).append(contest.condition)
+    by_conditions: dict[str, list[str]] = {}
+    for metric, conditions in by_metric.items():
+        by_conditions.setdefault(conditions_in_words(conditions, every), []).append(metric)
+    parts = [
+        f"{conditions} ({', '.join(metrics)})" for conditions, metrics in by_conditions.items()
+    ]
+    return "; ".join(parts)

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 from typing import Any
 
@@ -10,9 +10,9 @@ import numpy as np
 import pandas as pd
 from threadpoolctl import threadpool_limits
 
-from bench.analysis.comparison import NAN
 from bench.analysis.condition_sweep import condition_curves, condition_leads
-from bench.analysis.frontier import places, thinned
+from bench.analysis.distances import ImageSet
+from bench.analysis.frontier import frontier_verdicts, thinned_clouds
 from bench.analysis.orderings import orderings
 from bench.analysis.paired import verdicts_of
 from bench.analysis.paper import Published
@@ -30,7 +30,7 @@ from bench.tables.grid import grid
 from bench.tables.orderings import orderings_table
 from bench.tables.published import published
 from bench.tables.quality import (
-    HEADLINE,
+    HEADLINE_TABLE,
     QUALITY_TABLES,
     further_tables,
     headline,
@@ -40,7 +40,7 @@ from bench.tables.table import Table, of_protocol, remove_stale, write_tables
 from bench.tables.tails import TAILS, tails_table
 from data_prep.files.atomic_write import write_whole
 
-COST = "cost.md"
+COST_FILE = "cost.md"  # in the folder of a run
 
 
 def tables(run: Run) -> list[Table]:
@@ -55,7 +55,7 @@ def tables(run: Run) -> list[Table]:
 
 
 def paper_values(suite: Suite) -> Published:
-    """Return the paper's values beside those of a suite; none in grey, which the paper has not."""
+    """Return the paper's values of a suite; none for a truth in grey, which the paper lacks."""
     return published(suite.id) if suite.truth == "coloured" else {}
 
 
@@ -64,7 +64,7 @@ def _of_run(run: Run, table: Table) -> Table:
 
 
 def class_orderings(run: Run) -> Table | None:
-    """Return the paper's orderings of Table 5 on a run; None without both sides."""
+    """Return which of the paper's orderings in Table 5 hold; None without SR or pc2pix."""
     if (spec := run.suite.table("orderings")) is None:
         return None
     with threadpool_limits(1):
@@ -73,16 +73,13 @@ def class_orderings(run: Run) -> Table | None:
 
 
 def curves(run: Run) -> pd.DataFrame:
-    """Return the methods of a run along its families of conditions, as `condition_curves` does.
-
-    Without rows for other suites.
-    """
+    """Return `condition_curves` of a run; a suite without such a table gives no rows."""
     with threadpool_limits(1):
         return condition_curves(run.compared(run.measured(run.suite.condition_sweep)))
 
 
 def condition_sweep(run: Run) -> Table | None:
-    """Return who is ahead of whom along the families; None without two such methods."""
+    """Return which method of a pair is ahead along the families; None without such a pair."""
     spec, metrics = run.suite.table("condition sweep"), run.measured(run.suite.condition_sweep)
     if spec is None or not metrics:
         return None
@@ -92,9 +89,10 @@ def condition_sweep(run: Run) -> Table | None:
 
 
 def frontier_tables(run: Run) -> tuple[Table, Table] | None:
-    """Return quality against cost, and against the number of points; None for other suites.
+    """Return the tables of quality against cost, and against the number of points.
 
-    They are not among `tables`: times differ from run to run, so nothing is compared with them.
+    None where the suite does not declare them. They are not among `tables`, with which golden
+    values are compared: times differ from run to run.
     """
     frontier, points = run.suite.table("frontier"), run.suite.table("points")
     if frontier is None or points is None:
@@ -102,8 +100,8 @@ def frontier_tables(run: Run) -> tuple[Table, Table] | None:
     metrics, views = run.measured(run.suite.frontier), int(run.manifest["views"])
     with threadpool_limits(1):
         compared = run.compared(metrics)
-        placed = places(compared, views, verdicts_of(run, metrics))
-        fewer = thinned(compared, views)
+        placed = frontier_verdicts(compared, views, verdicts_of(run, metrics))
+        fewer = thinned_clouds(compared, views)
     by_cost = frontier_table(frontier, placed, how_timed(run.manifest))
     return _of_run(run, by_cost), _of_run(run, points_table(points, fewer))
 
@@ -130,7 +128,7 @@ def write_tails(run: Run) -> Table | None:
 
 @dataclass(frozen=True)
 class Outputs:
-    """The tables of a run, by the functions of the same names."""
+    """The tables of a run: each field is what the function of the same name returns."""
 
     run: Run
     headline: Table
@@ -144,7 +142,7 @@ class Outputs:
 
     @property
     def further(self) -> list[Table]:
-        """Return the tables that only some runs have."""
+        """Return the tables of this run that not every run has."""
         optional = (*(self.frontier_tables or ()), self.orderings, self.condition_sweep, self.tails)
         return [table for table in optional if table is not None]
 
@@ -165,14 +163,14 @@ def make_outputs(run: Run) -> Outputs:
 
 
 def write_outputs(run: Run) -> Outputs:
-    """Make the tables of a run and write them, in place of those that it had before."""
+    """Make the tables of a run and write them; tables that it no longer has are removed."""
     outputs = make_outputs(run)
     written = [outputs.headline, *outputs.tables, *outputs.further]
     write_tables(run.directory, written)
     of_suite = (spec.name for spec in run.suite.tables)
     of_images = map(metric_table_name, scored_metrics(run.directory))
-    remove_stale(run.directory, written, [HEADLINE, TAILS, *of_suite, *of_images])
-    write_whole(run.directory / COST, outputs.cost.encode())
+    remove_stale(run.directory, written, [HEADLINE_TABLE, TAILS, *of_suite, *of_images])
+    write_whole(run.directory / COST_FILE, outputs.cost.encode())
     return outputs
 
 
@@ -197,22 +195,25 @@ def cost_table(run: Run) -> str:
 
     It is not one of the tables: times differ from run to run.
     """
-    cells, claimed = run.cells, run.manifest.get(ENTERED, ())
-    conditions = list(dict.fromkeys(condition for _, condition, _ in cells))
+    claimed = run.manifest.get(ENTERED, ())
+    conditions = list(dict.fromkeys(condition for _, condition, _ in run.image_sets))
     lines = []
-    for method in dict.fromkeys(method for method, _, _ in cells):
-        line, of_author = [method], method in claimed
-        for at in conditions:
-            classes = [cell for cell in cells if cell[:2] == (method, at)]
-            drawn = any(run.images(cell)[0] for cell in classes)
-            prepare_s, draw_s = (
-                np.nanmedian(np.concatenate([run.per_object(cell, name) for cell in classes]))
-                if drawn
-                else NAN
-                for name in TIMES
-            )
-            times = f"{1000 * prepare_s:.1f} + {1000 * draw_s:.1f}" + " claimed" * of_author
-            line.append(times if drawn else "-")
+    for method in dict.fromkeys(method for method, _, _ in run.image_sets):
+        line = [method]
+        for condition in conditions:
+            of_classes = [s for s in run.image_sets if s[:2] == (method, condition)]
+            if not any(run.images(image_set)[0] for image_set in of_classes):
+                line.append("-")
+                continue
+            prepare_ms, draw_ms = (_median_ms(run, of_classes, name) for name in TIMES)
+            times = f"{prepare_ms:.1f} + {draw_ms:.1f}"
+            line.append(f"{times} claimed" if method in claimed else times)
         lines.append(line)
     title = "# Cost: median milliseconds to prepare a cloud + to draw a view (one thread)"
     return markdown.document([title, how_timed(run.manifest), grid(["method", *conditions], lines)])
+
+
+def _median_ms(run: Run, image_sets: Sequence[ImageSet], name: str) -> float:
+    """Return the median of a column of times over the objects of all classes, in milliseconds."""
+    seconds = np.concatenate([run.per_object(image_set, name) for image_set in image_sets])
+    return 1000 * float(np.nanmedian(seconds))

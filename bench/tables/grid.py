@@ -16,15 +16,15 @@ from bench.analysis.digits import decimals, is_coarse
 if TYPE_CHECKING:
     import pandas as pd
 
-K = TypeVar("K")
+K = TypeVar("K")  # of values that are ordered
 
 
 class Annotation(NamedTuple):
     """A remark on a value.
 
-    word      in the report
-    markdown  how Markdown shows the value
-    against   whether it speaks against the value
+    word      the remark in the report
+    markdown  the value as Markdown shows it, with the places {value} and {interval}
+    against   whether the remark speaks against the value
     """
 
     word: str
@@ -39,16 +39,16 @@ ITALIC = Annotation("", "*{value}*{interval}")
 
 @dataclass(frozen=True)
 class Cell:
-    """A value of a grid.
+    """A cell of a grid: a value with what stands beside it.
 
-    text      the value, or why it is missing
-    value     number that a column is sorted by; None comes last
-    interval  its ends
-    rest      text that follows
-    count     images that exist, and that should
-    blank     the value with a blank image in place of each that failed, "-" without one; None
-              where none failed
-    paper     the published value; empty without one
+    text      the value as people read it, or why it is missing
+    value     the number by which a column is sorted; None comes last
+    interval  both ends of the value's interval, as people read them
+    rest      text that follows the value and its interval
+    count     how many images exist, and how many should exist
+    blank     the value with a blank image in place of each that failed, "-" where it has none; None
+              where no image failed
+    paper     the published value; empty where the paper has none
     special   a remark on the value
     """
 
@@ -76,25 +76,30 @@ class Cell:
         """Return what speaks against the value, or is missing from it, in the report."""
         parts = [self.special.word] if self.special and self.special.against else []
         if self.blank is not None and self.count is not None:
-            parts.append("{} of {} images".format(*self.count))
-            parts += [f"{self.blank} with blank ones for the others"] * (self.blank != "-")
+            existing, planned = self.count
+            parts.append(f"{existing} of {planned} images")
+            if self.blank != "-":
+                parts.append(f"{self.blank} with blank ones for the others")
         return "; ".join(parts)
 
 
-NOTHING = Cell("-")
+DASH = Cell("-")  # where there is no value
 
 
 def scored_as_blank(n_ok: int, n: int) -> str:
-    """Say how many images a value scores as blank ones because they failed; empty for none."""
+    """Say how many images exist, and that the others are scored as blank; empty if none failed."""
     return f"{n_ok} of {n} images, the others scored as blank" if n_ok < n else ""
 
 
-def number(
+def number_cell(
     estimate: tuple[float, float, float], show: Callable[[float], str], **beside: Any
 ) -> Cell:
-    """Return the cell of a number (value, low, high) with its interval; `beside` are more fields.
+    """Return the cell of a number with its interval.
 
-    A number that is not finite is a dash; an interval that is not finite is left out.
+    estimate  (value, low, high); a value that is not finite becomes a dash, an interval that is
+              not finite is left out
+    show      returns a number as text
+    beside    further fields of the cell
     """
     value, low, high = estimate
     if not math.isfinite(value):
@@ -103,7 +108,7 @@ def number(
     return Cell(show(value), value, interval, **beside)
 
 
-MOVED = "≈"  # before a value that has fewer digits
+MOVED = "≈"  # before a value that is printed with fewer digits than its metric has
 FEWER = f"{MOVED}: fewer digits, as rounding alone moves the others"
 UNSURE = "†"  # after an interval that may well miss the true value
 FEW_FAILED = (
@@ -112,24 +117,27 @@ FEW_FAILED = (
 )
 
 
-def measured(
+def metric_cell(
     estimate: tuple[float, float, float],
     metric: str,
     *methods: str,
     sign: str = "",
     **beside: Any,
 ) -> Cell:
-    """Return the cell of a value of a metric with its interval, or of a difference of methods.
+    """Return the cell of a metric's value with its interval, or of a difference of such values.
 
-    `sign` is "+" for a number that has one always; `beside` are more fields.
+    estimate  (value, low, high)
+    methods   the methods that drew the images; they decide how many digits are printed
+    sign      "+" for a difference: a number over 0 has a sign, too
+    beside    further fields of the cell
     """
     digits = decimals(metric, *methods)
-    show = f"{{:+.{digits}f}}".format if sign else partial(shown, digits=digits)
-    return marked(number(estimate, show, **beside), metric, *methods)
+    show = f"{{:+.{digits}f}}".format if sign else partial(number_text, digits=digits)
+    return marked(number_cell(estimate, show, **beside), metric, *methods)
 
 
 def unsure(cell: Cell) -> Cell:
-    """Return a cell, its interval marked as one that may well miss the true value."""
+    """Return the cell with its interval marked as one that may well miss the true value."""
     if cell.interval is None:
         return cell
     low, high = cell.interval
@@ -139,21 +147,22 @@ def unsure(cell: Cell) -> Cell:
 def meanings(cells: Iterable[Cell]) -> list[str]:
     """Return the meaning of each mark that these cells have."""
     every = list(cells)
-    of_marks = {
-        FEWER: any(MOVED in cell.text for cell in every),
-        FEW_FAILED: any(cell.interval and UNSURE in cell.interval[1] for cell in every),
-    }
-    return [meaning for meaning, is_there in of_marks.items() if is_there]
+    texts = []
+    if any(MOVED in cell.text for cell in every):
+        texts.append(FEWER)
+    if any(cell.interval and UNSURE in cell.interval[1] for cell in every):
+        texts.append(FEW_FAILED)
+    return texts
 
 
 def marked(cell: Cell, metric: str, *methods: str) -> Cell:
-    """Return a cell, marked where it has a value with fewer digits than its metric."""
+    """Return the cell, marked where its value has fewer digits than the metric has."""
     coarse = cell.value is not None and is_coarse(metric, *methods)
     return replace(cell, text=MOVED + cell.text) if coarse else cell
 
 
-def shown(value: float, digits: int) -> str:
-    """Return a number for people, 0 without a sign; a dash for one that is not finite."""
+def number_text(value: float, digits: int) -> str:
+    """Return a number as people read it, 0 without a sign; a dash for one that is not finite."""
     if not math.isfinite(value):
         return "-"
     text = f"{value:.{digits}f}"
@@ -169,20 +178,21 @@ class TableRow:
     about: str = ""
 
 
-OVER_OBJECTS = "95 % interval over objects"
+OVER_OBJECTS = "95 % interval over objects"  # what stands in brackets in most grids
 
 
 @dataclass(frozen=True)
 class Grid:
     """Cells in lines and columns.
 
-    corner    what the names of the lines are
-    metric    whose values these are; empty for other grids
-    caption   in the report; a grid without one is not shown there
-    remark    what one has to know to read it
+    corner    what the names of the lines are, which stands above them
+    columns   names of the columns
+    metric    the metric of the values; empty for other grids
+    caption   above the grid in the report, which does not show a grid without one
+    remark    what a reader has to know to read it
     notes     what is missing, and why
-    void      whether nothing was measured: in place of the cells Markdown has the notes alone
-    higher    whether a higher value is better: the order that a first sorting gives
+    void      whether nothing was measured: Markdown then has the notes in place of the cells
+    higher    whether a higher value is better: the report sorts the best first
     interval  what stands in brackets beside a value
     """
 
@@ -212,15 +222,19 @@ Block = str | Grid  # a paragraph, a heading or a list in Markdown; or a grid
 
 
 def grid(heads: Sequence[str], lines: Iterable[Sequence[Any]], **more: Any) -> Grid:
-    """Return a grid from texts and cells, the first of each line its name; `more` are its fields.
+    """Return a grid of texts and cells.
 
-    The first head is the corner.
+    heads  names of the columns; the first stands above the names of the lines
+    lines  each begins with its name
+    more   further fields of `Grid`
     """
-    rows = (
-        TableRow(name, tuple(Cell(text) if isinstance(text, str) else text for text in cells))
-        for name, *cells in lines
-    )
-    return Grid(heads[0], tuple(heads[1:]), tuple(rows), **more)
+
+    def cell_of(content: Any) -> Cell:
+        return Cell(content) if isinstance(content, str) else content
+
+    rows = [TableRow(name, tuple(map(cell_of, contents))) for name, *contents in lines]
+    corner, *columns = heads
+    return Grid(corner, tuple(columns), tuple(rows), **more)
 
 
 def pivot(
@@ -237,41 +251,48 @@ def pivot(
     before: Mapping[str, Callable[[Any], Cell]] | None = None,
     after: Mapping[str, Callable[[Any], Cell]] | None = None,
     about: Callable[[Sequence[Any]], str] = lambda rows: "",
-    missing: Cell = NOTHING,
+    missing: Cell = DASH,
     **more: Any,
 ) -> Grid:
-    """Return a frame as a grid by two of its columns; functions get its rows as mappings.
+    """Return the rows of a frame as a grid: a cell for each row, placed by two of its columns.
 
+    Functions get the rows of the frame as mappings.
+
+    line, column            columns of the frame: a value of the first is a line of the grid, a
+                            value of the second a column
+    cell                    returns the cell of a row
+    corner                  what the names of the lines are
     lines, columns          values of the two columns, in order; by default all, in the order of the
                             rows
     line_name, column_name  return the name of a line from its first row, and of a column from the
                             value
-    before, after           further columns at both sides, from the first row of a line
+    before, after           further columns at both sides: functions of the first row of a line
     about                   returns what stands in small letters beside a line's name, from its rows
-    missing                 stands where there is no row
-    more                    fields of `Grid`
+    missing                 cell for a line and a column that no row has
+    more                    further fields of `Grid`
     """
-    rows = records(frame)
+    rows = row_mappings(frame)
     across = ordered(row[column] for row in rows) if columns is None else list(columns)
+    down = ordered(row[line] for row in rows) if lines is None else list(lines)
     before, after = before or {}, after or {}
-    down = []
-    for key in ordered(row[line] for row in rows) if lines is None else lines:
+    table_rows = []
+    for key in down:
         of_line = [row for row in rows if row[line] == key]
         at_column = {row[column]: row for row in of_line}
-        first = of_line[:1]
-        cells = (
-            *(further(row) for further in before.values() for row in first),
-            *(cell(at_column[name]) if name in at_column else missing for name in across),
-            *(further(row) for further in after.values() for row in first),
-        )
-        name = line_name(first[0]) if line_name else str(key)
-        down.append(TableRow(name, cells, about(of_line)))
+        cells = []
+        if of_line:
+            cells += [further(of_line[0]) for further in before.values()]
+        cells += [cell(at_column[name]) if name in at_column else missing for name in across]
+        if of_line:
+            cells += [further(of_line[0]) for further in after.values()]
+        name = line_name(of_line[0]) if line_name else str(key)
+        table_rows.append(TableRow(name, tuple(cells), about(of_line)))
     heads = (*before, *map(column_name, across), *after)
-    return Grid(corner, heads, tuple(down), **more)
+    return Grid(corner, heads, tuple(table_rows), **more)
 
 
-def records(frame: pd.DataFrame) -> list[dict[str, Any]]:
-    """Return the rows of a frame as mappings, numbers as those of Python."""
+def row_mappings(frame: pd.DataFrame) -> list[dict[str, Any]]:
+    """Return the rows of a frame as mappings from columns to values, numbers as those of Python."""
     return frame.to_dict("records")  # type: ignore[return-value]
 
 

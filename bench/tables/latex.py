@@ -1,7 +1,8 @@
 r"""Tables as LaTeX, for papers: the rules of `booktabs`, and ASCII alone.
 
-Each grid is a `table` with caption and label. What Markdown has above and below it are comments.
-Published values stand in a column beside ours. Intervals are a command, `\benchci`.
+Each grid becomes a `table` with caption and label. The texts that Markdown has above and below it
+become comments. Published values stand in a column beside ours. Intervals are written by a command,
+`\benchci`, which a paper may define otherwise.
 """
 
 from __future__ import annotations
@@ -17,28 +18,45 @@ PREAMBLE = r"""% \usepackage{booktabs}; without intervals: \newcommand{\benchci}
 """
 _PUBLISHED = "paper: as published; other data (ShapeNet), other weights"
 _BEST = "bold: the best of those that compete"
-_COMMANDS = {
-    **{mark: f"\\{mark}" for mark in "_%&#$"},
-    **{mark: f"{{{mark}}}" for mark in "[*"},  # which are options where they follow \\
-    **{"{": r"\{", "}": r"\}", "\\": r"\textbackslash{}", "~": r"\textasciitilde{}"},
-    **{"^": r"\textasciicircum{}", "<": r"\textless{}", ">": r"\textgreater{}"},
-    **{
-        "|": r"\textbar{}",
-        '"': "''",
-        "`": r"\`{}",
-        MOVED: r"$\approx$",
-        UNSURE: r"$\dagger$",
-        "−": "$-$",
-    },
-    **{"–": "--", "—": "---", "…": r"\ldots{}", "×": r"$\times$", "±": r"$\pm$"},
-    **{"°": r"$^\circ$", "≤": r"$\le$", "≥": r"$\ge$", "’": "'", "“": "``", "”": "''"},
+_COMMANDS = {  # the LaTeX of a character
+    "_": r"\_",
+    "%": r"\%",
+    "&": r"\&",
+    "#": r"\#",
+    "$": r"\$",
+    "[": "{[}",  # brackets and stars would be options where they follow \\
+    "*": "{*}",
+    "{": r"\{",
+    "}": r"\}",
+    "\\": r"\textbackslash{}",
+    "~": r"\textasciitilde{}",
+    "^": r"\textasciicircum{}",
+    "<": r"\textless{}",
+    ">": r"\textgreater{}",
+    "|": r"\textbar{}",
+    '"': "''",
+    "`": r"\`{}",
+    MOVED: r"$\approx$",
+    UNSURE: r"$\dagger$",
+    "−": "$-$",
+    "–": "--",
+    "—": "---",
+    "…": r"\ldots{}",
+    "×": r"$\times$",
+    "±": r"$\pm$",
+    "°": r"$^\circ$",
+    "≤": r"$\le$",
+    "≥": r"$\ge$",
+    "’": "'",
+    "“": "``",
+    "”": "''",
 }
 
 
 def escaped(text: str) -> str:
-    """Return LaTeX that shows a text; a character that LaTeX lacks by its number."""
-    text = re.sub(r"(?<![^\s\[(])-(?=\.?\d)", "−", visible(text))  # before a number
-    # Two hyphens would be a dash.
+    """Return LaTeX that shows a text; a character beyond ASCII without a command as its number."""
+    text = re.sub(r"(?<![^\s\[(])-(?=\.?\d)", "−", visible(text))  # minus signs of numbers
+    # Between two hyphens stands an empty group, as LaTeX would make them one dash.
     return re.sub("-(?=-)", "-{}", "".join(map(_character, text)))
 
 
@@ -48,33 +66,47 @@ def _character(character: str) -> str:
 
 
 def document(name: str, title: str, blocks: Iterable[Block]) -> str:
-    """Return the blocks of a table: the grids that a report shows, other blocks as comments."""
+    """Return the blocks of a table as LaTeX: the grids that a report shows, texts as comments.
+
+    name  of the table, which begins the labels of its grids
+    """
     parts, texts = [_comment(title)], list[str]()
     for block in blocks:
         if isinstance(block, str):
-            texts += [block] * (bool(block) and not block.startswith("#"))
+            if block and not block.startswith("#"):
+                texts.append(block)
         elif block.caption:
-            about = f"{block.caption}: " * block.void  # of a grid that is not shown
-            notes = (f"{about}{note}" for note in block.notes)
-            comments = [_comment(text) for text in (*texts, *notes)]
-            tables = [] if block.void else [_table(block, f"{name}-{len(parts)}", title)]
-            parts.append("".join((*comments, *tables)))
+            notes = list(block.notes)
+            if block.void:  # no grid has this caption then
+                notes = [f"{block.caption}: {note}" for note in notes]
+            part = "".join(map(_comment, (*texts, *notes)))
+            if not block.void:
+                part += _table(block, f"{name}-{len(parts)}", title)
+            parts.append(part)
             texts = []
-        else:  # in the paper's layout, where the paper's values are lines
+        else:
+            # A grid in the paper's layout is left out together with the text above it: here the
+            # paper's values stand in columns.
             texts = texts[:-1]
     return "\n".join((*parts, *map(_comment, texts)))
 
 
 def _comment(text: str) -> str:
+    """Return a text as lines of a comment, in ASCII."""
     lines = text.encode("ascii", "backslashreplace").decode().splitlines()
     return "".join(f"% {line.rstrip()}\n" for line in lines)
 
 
 def _table(grid: Grid, label: str, title: str) -> str:
+    """Return a grid as a table with caption and label."""
     cells = [cell for line in grid.lines for cell in line.cells]
-    # The paper prints all values of a metric with as many digits, `Cell.paper` none that is 0.
-    digits = max(len(cell.paper.partition(".")[2]) for cell in cells) if cells else 0
-    published = [any(line.cells[i].paper for line in grid.lines) for i in range(len(grid.columns))]
+    # The paper prints all values of a metric with the same number of digits. `Cell.paper` has lost
+    # the zeros at the end of some, so that the longest one tells the number.
+    digits = max((len(cell.paper.partition(".")[2]) for cell in cells), default=0)
+    published = []  # by column, whether the paper has a value in it
+    for number in range(len(grid.columns)):
+        published.append(any(line.cells[number].paper for line in grid.lines))
+    columns = "l" + "r" * (len(published) + sum(published))
     remarks = [
         grid.remark,
         f"in brackets: {grid.interval}" if any(cell.interval for cell in cells) else "",
@@ -87,7 +119,7 @@ def _table(grid: Grid, label: str, title: str) -> str:
         r"\centering",
         rf"\caption{{{escaped(f'{grid.caption}. {title}')}}}",
         rf"\label{{tab:{label}}}",
-        rf"\begin{{tabular}}{{l{'r' * (len(published) + sum(published))}}}",
+        rf"\begin{{tabular}}{{{columns}}}",
         r"\toprule",
         *_heads(grid, published),
         r"\midrule",
@@ -104,13 +136,19 @@ def _table(grid: Grid, label: str, title: str) -> str:
 
 
 def _heads(grid: Grid, published: Sequence[bool]) -> Iterator[str]:
-    """Yield the line of the columns' names, and one below where published values stand beside."""
-    heads, below, rules, column = [escaped(grid.corner)], [""], list[str](), 2
-    for name, beside in zip(map(escaped, grid.columns), published, strict=True):
-        heads.append(rf"\multicolumn{{2}}{{c}}{{{name}}}" if beside else name)
-        below += ["ours", "paper"] if beside else [""]
-        rules += [rf"\cmidrule(lr){{{column}-{column + 1}}}"] * beside
-        column += 1 + beside
+    """Yield the names of the columns, and "ours" and "paper" below those with published values."""
+    heads, below, rules = [escaped(grid.corner)], [""], list[str]()
+    column = 2  # of LaTeX, which counts from 1; the first has the names of the lines
+    for name, has_paper in zip(map(escaped, grid.columns), published, strict=True):
+        if has_paper:
+            heads.append(rf"\multicolumn{{2}}{{c}}{{{name}}}")
+            below += ["ours", "paper"]
+            rules.append(rf"\cmidrule(lr){{{column}-{column + 1}}}")
+            column += 2
+        else:
+            heads.append(name)
+            below.append("")
+            column += 1
     yield _row(heads)
     if rules:
         yield from ("".join(rules), _row(below))
@@ -121,14 +159,15 @@ def _row(cells: Sequence[str]) -> str:
 
 
 def _values(cells: Sequence[Cell], published: Sequence[bool], digits: int) -> Iterator[str]:
-    for cell, beside in zip(cells, published, strict=True):
+    """Yield the values of a line, each with the paper's where its column has published ones."""
+    for cell, has_paper in zip(cells, published, strict=True):
         yield _value(cell)
-        if beside:
+        if has_paper:
             yield f"{float(cell.paper):.{digits}f}" if cell.paper else "-"
 
 
 def _value(cell: Cell) -> str:
-    """Return the value as Markdown has it, but how many images it has only where some failed."""
+    """Return the value as Markdown has it, with the number of images only where some failed."""
     layout = cell.special.markdown if cell.special else "{value}{interval}"
     before, after = layout.partition("{value}")[0], layout.partition("{interval}")[2]
     text = escaped(cell.text)

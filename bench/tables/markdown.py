@@ -30,8 +30,9 @@ def code(text: str) -> str:
     """Return the text as a Markdown code span; not for a table's cell."""
     shown = visible(text)
     longest = max((len(run) for run in re.findall("`+", shown)), default=0)
-    fence, space = "`" * (longest + 1), " " * bool(longest)
-    return f"{fence}{space}{shown}{space}{fence}"
+    # A fence longer than any backticks inside, which a space parts from it.
+    fence = "`" * (longest + 1)
+    return f"{fence} {shown} {fence}" if longest else f"{fence}{shown}{fence}"
 
 
 def row(cells: Sequence[str]) -> str:
@@ -49,14 +50,14 @@ def document(blocks: Iterable[Block]) -> str:
 
 
 def table(grid: Grid) -> str:
-    """Return a grid as a Markdown table, and its notes as a list; a void grid: the notes alone."""
+    """Return a grid as a Markdown table and a list of its notes; of a void grid the notes alone."""
     if grid.void:
         return "\n".join(map(cell, grid.notes))
     notes = grid.all_notes
-    heads = [grid.corner, *grid.columns]
-    rows = (row([cell(line.name), *map(_value, line.cells)]) for line in grid.lines)
+    heads = [cell(head) for head in (grid.corner, *grid.columns)]
     lines = [cell(grid.remark), ""] if grid.remark else []
-    lines += [row(list(map(cell, heads))), "|---" * len(heads) + "|", *rows]
+    lines += [row(heads), "|---" * len(heads) + "|"]
+    lines += [row([cell(line.name), *map(_value, line.cells)]) for line in grid.lines]
     if notes:
         lines += ["", *(f"* {cell(note)}" for note in notes)]
     return "\n".join(lines)

@@ -14,7 +14,7 @@ from bench.analysis.orderings import VERDICTS
 from bench.analysis.paper import AVERAGE, NETWORK, SURFACE
 from bench.catalogue.suites import TableSpec
 from bench.tables import markdown
-from bench.tables.grid import Annotation, Block, Cell, Grid, grid, measured, number, pivot
+from bench.tables.grid import Annotation, Block, Cell, Grid, grid, metric_cell, number_cell, pivot
 from bench.tables.table import Table
 
 MARKS = {
@@ -24,7 +24,7 @@ MARKS = {
 
 
 def orderings_table(spec: TableSpec, suite: str, frame: pd.DataFrame) -> Table:
-    """Return the table of a run's orderings, of which there has to be one."""
+    """Return the table of a run's orderings, a frame with at least one row of `orderings`."""
     network = frame["method"].iloc[0]
     frame.insert(0, "suite", suite)
     remark = _REMARK.format(network=network, surface=SURFACE)
@@ -53,29 +53,39 @@ def _counts(frame: pd.DataFrame, caption: str) -> Grid:
     for metric, of_metric in frame.groupby("metric", sort=False):
         classes = of_metric[of_metric["class"] != AVERAGE]
         counts = [(classes["verdict"] == verdict).sum() for verdict in VERDICTS]
-        same = (classes["lead"] * classes["paper_lead"] > 0).sum()
+        same_sign = (classes["lead"] * classes["paper_lead"] > 0).sum()
         (average,) = of_metric.loc[of_metric["class"] == AVERAGE, "verdict"]
-        lines.append([str(metric), *map(str, (*counts, same, average))])
+        lines.append([str(metric), *map(str, (*counts, same_sign, average))])
     return grid(["classes", *VERDICTS, "same sign", "on average"], lines, caption=caption)
 
 
 def _differences(frame: pd.DataFrame, caption: str) -> Grid:
     """Return the differences, classes down and metrics across."""
     return pivot(
-        *(frame, "class", "metric", _cell),
-        before={
-            "objects": lambda row: Cell(str(row["objects"]), row["objects"]),
-            "paper (FID)": lambda row: number((row["paper_lead"], NAN, NAN), "{:+.1f}".format),
-        },
+        frame,
+        line="class",
+        column="metric",
+        cell=_lead,
+        before={"objects": _object_count, "paper (FID)": _paper_lead},
         corner="class",
         caption=caption,
     )
 
 
-def _cell(row: Mapping[str, Any]) -> Cell:
+def _object_count(row: Mapping[str, Any]) -> Cell:
+    return Cell(str(row["objects"]), row["objects"])
+
+
+def _paper_lead(row: Mapping[str, Any]) -> Cell:
+    """Return how much better PC2PIX is than SR by FID, as the paper printed both."""
+    return number_cell((row["paper_lead"], NAN, NAN), "{:+.1f}".format)
+
+
+def _lead(row: Mapping[str, Any]) -> Cell:
+    """Return how much better the network is than SR here, marked where the interval decides."""
     lead = row["lead"], row["ci_low"], row["ci_high"]
     mark = MARKS.get(row["verdict"])
-    return measured(lead, row["metric"], row["method"], SURFACE, sign="+", special=mark)
+    return metric_cell(lead, row["metric"], row["method"], SURFACE, sign="+", special=mark)
 
 
 _REMARK = (

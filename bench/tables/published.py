@@ -21,7 +21,7 @@ RESULTS = Path(__file__).resolve().parents[2] / "results"
 
 
 def published(suite: str) -> Published:
-    """Return the paper's values by (class, metric, condition, method); empty without any."""
+    """Return the paper's values by (class, metric, condition, method); empty where it has none."""
     if not _published_path(suite).is_file():
         return {}
     rows = published_rows(suite)
@@ -30,7 +30,10 @@ def published(suite: str) -> Published:
 
 
 def published_rows(suite: str) -> pd.DataFrame:
-    """Return the paper's values as printed, all columns text. Raises BadInput without any."""
+    """Return the paper's values as printed, all columns text.
+
+    Raises BadInput where the suite has no published values.
+    """
     path = _published_path(suite)
     if not path.is_file():
         raise BadInput(f"{path}: no published values; run from a checkout that has them")
@@ -67,10 +70,11 @@ def golden(name: str) -> pd.DataFrame:
 
 
 def seed_spreads() -> dict[tuple[str, str, str], float]:
-    """Return the highest less the lowest value of trainings by network, metric and condition.
+    """Return by network, metric and condition how far the values of several trainings lie apart.
 
-    The trainings are that of the bundled weights and others that differ in the seed alone, on
-    chairs (`studies.seed_spread`); empty without the file.
+    It is the highest value less the lowest. The trainings are that of the bundled weights and
+    others that differ in the seed alone, on chairs (`studies.seed_spread`). Empty where there is no
+    file of them.
     """
     path = RESULTS / "seeds.csv"
     if not path.is_file():

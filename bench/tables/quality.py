@@ -46,28 +46,28 @@ from bench.records.run_folder import PROTOCOL
 from bench.tables import markdown
 from bench.tables.grid import (
     BEST,
-    NOTHING,
+    DASH,
     Block,
     Cell,
     Grid,
     TableRow,
-    measured,
+    metric_cell,
+    number_text,
     ordered,
     pivot,
-    records,
-    shown,
+    row_mappings,
     unsure,
 )
 from bench.tables.table import Table, of_protocol
 from data_prep.failures import BadInput
 from data_prep.progress import log
 
-HEADLINE = "headline"
-_FEWEST_SHOWN = (
-    12  # objects: intervals of fewer are so wide and so uncertain that they mislead here
-)
-FEW = 10  # objects of a class below which its distances are warned of
-_IN_A_ROW = 7  # classes side by side, as the paper has them
+HEADLINE_TABLE = "headline"  # name of the table
+# Objects from which on the headline shows intervals: those of fewer objects are so wide and so
+# uncertain that they mislead there.
+_FEWEST_SHOWN = 12
+FEW = 10  # a class of fewer objects is named in a warning, as its distances depend on their number
+_IN_A_ROW = 7  # classes side by side, as in the paper's Table 5
 _DETAIL_REMARK = (
     "Where some images have no value, a line below says why; an object without any has no part in "
     "the mean."
@@ -115,12 +115,14 @@ def recognition_table(run: Run, spec: TableSpec, published: Published) -> Table:
         "itself errs. Errors are medians in degrees: by chance 90 (azimuth)."
     )
     if answers := run.features.get(JUDGE):
-        sizes = ", ".join(
-            f"{len({obj for obj, _ in answers.images(GROUND_TRUTH, '', name)})} of class "
-            f"{markdown.cell(name)}"
-            for name in run.objects_of
+        sizes = []
+        for class_name in run.objects_of:
+            objects = {obj for obj, _ in answers.images(GROUND_TRUTH, "", class_name)}
+            sizes.append(f"{len(objects)} of class {markdown.cell(class_name)}")
+        remark += (
+            f" Retrieval is among all objects of the run ({', '.join(sizes)}): by chance 1 in as "
+            "many."
         )
-        remark += f" Retrieval is among all objects of the run ({sizes}): by chance 1 in as many."
     return quality_table(spec, annotated(recognition_rows(run), run.manifest, {}), remark)
 
 
@@ -159,17 +161,19 @@ QUALITY_TABLES: Mapping[TableKind, Callable[[Run, TableSpec, Published], Table]]
 
 
 def headline(run: Run, metrics: Sequence[str] | None = None) -> Table:
-    """Return the table that a run shows while it goes on, and at its end: few metrics, all methods.
+    """Return the table of few metrics and all methods that a run shows at its end and before.
+
+    metrics  those that a run has while it goes on; by default all of the headline
 
     With one class methods are down and conditions across; with several it is the mean over classes.
     Failed images are scored as blank ones, so that all methods have values of the same objects.
-    `metrics` are those that the run has while it goes on, by default all. People see intervals from
-    _FEWEST_SHOWN objects on; its CSV has them before.
+    Where the run has fewer than _FEWEST_SHOWN objects only the CSV has intervals.
     """
     suite, manifest = run.suite, run.manifest
     wanted = ordered(suite.headline if metrics is None else metrics)
     with threadpool_limits(1):
-        means = image_rows(run, [metric for metric in wanted if is_mean(metric)], True)
+        of_images = [metric for metric in wanted if is_mean(metric)]
+        means = image_rows(run, of_images, blanks=True)
         distances = [set_rows(run, metric) for metric in wanted if not is_mean(metric)]
         rows = pd.concat([means, *distances], ignore_index=True)
         if suite.table("classes"):
@@ -188,17 +192,17 @@ def headline(run: Run, metrics: Sequence[str] | None = None) -> Table:
                 "Intervals hold for a number of objects that was fixed beforehand, not for a run "
                 "that is ended when its values please."
             )
-        # The value itself is the one with blank images.
+        # Values here are with blank images already: no second one stands beside them.
         yield from all_methods(frame.assign(failures_as_blank=NAN), _HEADLINE_LEGEND)
 
     title = f"{' and '.join(suite.headline)}: {objects} of {planned} objects"
     every = _with_chosen_rows(annotated(rows, manifest, {}))
-    table = Table(HEADLINE, title, every, layout, hidden=HIDDEN)
+    table = Table(HEADLINE_TABLE, title, every, layout, hidden=HIDDEN)
     return of_protocol(table, suite, manifest[PROTOCOL])
 
 
 def metric_table(run: Run, metric: Any, rows: pd.DataFrame) -> Table:
-    """Return the table of a further metric, which has an id, a version and a line about it."""
+    """Return the table of a metric of `bench score`, which has an id, a version and an `about`."""
     better = "higher" if higher_is_better(metric.id) else "lower"
     title = f"{metric.id}, version {metric.version}: {metric.about} ({better} is better)"
     spec = TableSpec("images", metric_table_name(metric.id), title)
@@ -211,9 +215,9 @@ def metric_table_name(metric_id: str) -> str:
 
 
 def further_tables(run: Run) -> list[Table]:
-    """Return the tables of all image metrics that a run was scored by.
+    """Return the tables of all metrics of images that `bench score` has kept of a run.
 
-    Scores of records that have changed since are left out, and a line on stderr names them.
+    Scores of images that have changed since are left out, and a line on stderr names them.
     """
     tables = []
     for metric_id in scored_metrics(run.directory):
@@ -230,25 +234,30 @@ def further_tables(run: Run) -> list[Table]:
 def annotated(
     rows: pd.DataFrame, manifest: Mapping[str, Any], published: Published
 ) -> pd.DataFrame:
-    """Return the rows with the paper's values, and what the networks' weights were trained with."""
+    """Return the rows with the paper's values, and with what networks were trained on and with."""
     objectives: Mapping[str, str] = manifest.get("objectives", {})
     methods = rows["method"].tolist()
-    cells = zip(rows["class"], rows["metric"], rows["condition"], methods, strict=True)
+    keys = zip(rows["class"], rows["metric"], rows["condition"], methods, strict=True)
     return rows.assign(
-        paper=[published_value(published, *cell) for cell in cells],
+        paper=[published_value(published, *key) for key in keys],
         trained_on=[training_objects(method, manifest) for method in methods],
         objective=[objectives.get(method, "") for method in methods],
     )
 
 
 def quality_table(spec: TableSpec, rows: pd.DataFrame, remark: str = "") -> Table:
-    """Return a table of rows.
+    """Return the table of a frame of values.
 
-    Several classes at one condition are a line each, and in the paper's layout in its Table 5 only.
+    spec    name, title and kind of the table
+    rows    as the functions of `bench.analysis.scores` return them
+    remark  what a reader has to know to read it
+
+    Several classes at one condition are a line each. In the paper's layout they are shown in its
+    Table 5 only.
     """
 
     def layout(frame: pd.DataFrame) -> Iterator[Block]:
-        yield told
+        yield full_remark
         if spec.kind != "classes":
             several = frame["condition"].nunique() > 1 or frame["class"].nunique() == 1
             if spec.paper_layout and several:
@@ -262,51 +271,62 @@ def quality_table(spec: TableSpec, rows: pd.DataFrame, remark: str = "") -> Tabl
             yield from all_methods(part)
 
     frame = _with_chosen_rows(rows)
-    told = " ".join(filter(None, [remark, _which_are_chosen(frame)]))
-    return Table(spec.name, spec.title, frame, layout, told, hidden=HIDDEN)
+    full_remark = " ".join(filter(None, [remark, _which_are_chosen(frame)]))
+    return Table(spec.name, spec.title, frame, layout, full_remark, hidden=HIDDEN)
 
 
 def _with_chosen_rows(rows: pd.DataFrame) -> pd.DataFrame:
-    """Return the rows, with those of chosen methods a second time by the name of their row."""
-    cells = {*zip(rows["metric"], rows["condition"], strict=True)}
-    chosen = {name: row.best(cells, {*rows["method"]}) for name, row in CHOSEN.items()}
+    """Return the rows, those of chosen methods again as rows like `best-classical`.
+
+    Such a row stands below that of the method which is chosen by its metric at its condition.
+    """
+    chosen_by = {*zip(rows["metric"], rows["condition"], strict=True)}
+    chosen = {name: row.best(chosen_by, {*rows["method"]}) for name, row in CHOSEN.items()}
     if not any(chosen.values()):
         return rows
     result = []
-    for row in records(rows):
+    for row in row_mappings(rows):
         result.append(row)
         for name, best in chosen.items():
-            if row["method"] == best.get((row["metric"], row["condition"])):
-                also = [] if row["skipped"] else [row["method"]]
-                note = "; ".join(filter(None, [*also, row["note"]]))
-                result.append(row | {"method": name, "note": note, "paper": NAN})
+            if row["method"] != best.get((row["metric"], row["condition"])):
+                continue
+            remarks = [row["note"]] if row["skipped"] else [row["method"], row["note"]]
+            note = "; ".join(filter(None, remarks))
+            result.append(row | {"method": name, "note": note, "paper": NAN})
     return pd.DataFrame(result, columns=rows.columns)
 
 
 def _which_are_chosen(rows: pd.DataFrame) -> str:
-    """Return a sentence for each chosen row, on its method in each cell; empty without any."""
-    cells = [*product(rows["metric"].unique(), rows["condition"].unique())]
+    """Return a sentence for each row like `best-classical`, on the methods that it stands for.
+
+    Empty where there is no such row.
+    """
+    chosen_by = [*product(rows["metric"].unique(), rows["condition"].unique())]
     sentences = []
     for name, chosen in CHOSEN.items():
         of_name = rows[(rows["method"] == name) & ~rows["skipped"].astype(bool)]
         best = dict(of_name.set_index(["metric", "condition"])["images_of"].items())
         if best:
-            sentences.append(chosen.in_words({cell: best[cell] for cell in cells if cell in best}))
+            sentences.append(chosen.in_words({key: best[key] for key in chosen_by if key in best}))
     return " ".join(sentences)
 
 
 def _conditions_of_the_paper(frame: pd.DataFrame) -> Iterator[Block]:
-    """Yield SR beside PC2PIX at each condition, as the paper's Tables 3 and 4; or nothing."""
-    rows = records(frame[frame["method"].isin(list(PAPER_METHODS))])
+    """Yield SR beside PC2PIX at each condition, like the paper's Tables 3 and 4.
+
+    Nothing is yielded for a run without these methods.
+    """
+    rows = row_mappings(frame[frame["method"].isin(list(PAPER_METHODS))])
     if not rows:
         return
     yield f"In the paper's layout: SR is `{SURFACE}`. {_PUBLISHED}"
-    measured = {row["method"] for row in rows}
-    methods = [method for method in PAPER_METHODS if method in measured or "@" not in method]
+    in_run = {row["method"] for row in rows}
+    # A variant (`pc2pix@acgan`) has a column only where the run has it.
+    methods = [method for method in PAPER_METHODS if method in in_run or "@" not in method]
+    conditions = ordered(row["condition"] for row in rows)
     heads = {
         (condition, method): f"{condition} {PAPER_METHODS[method]}"
-        for condition in ordered(row["condition"] for row in rows)
-        for method in methods
+        for condition, method in product(conditions, methods)
     }
     for class_name in ordered(row["class"] for row in rows):
         of_class = [row for row in rows if row["class"] == class_name]
@@ -314,7 +334,10 @@ def _conditions_of_the_paper(frame: pd.DataFrame) -> Iterator[Block]:
 
 
 def _classes_of_the_paper(frame: pd.DataFrame) -> Iterator[Block]:
-    """Yield SR and PC2PIX side by side at one condition, classes in rows of seven; or nothing."""
+    """Yield SR beside PC2PIX in each class at one condition, seven classes in a row.
+
+    Nothing is yielded for a run without one of the two.
+    """
     network = network_of(frame["method"])
     if network is None or not (frame["method"] == SURFACE).any():
         return
@@ -322,13 +345,12 @@ def _classes_of_the_paper(frame: pd.DataFrame) -> Iterator[Block]:
         f"In the paper's layout: SR is `{SURFACE}`, PC2PIX is {markdown.code(network)}. "
         f"{_PUBLISHED}"
     )
-    classes, rows = ordered(frame["class"]), records(frame)
+    classes, rows = ordered(frame["class"]), row_mappings(frame)
     for start in range(0, len(classes), _IN_A_ROW):
-        heads = {
-            (class_name, method): f"{class_name} {name}"
-            for class_name in classes[start : start + _IN_A_ROW]
-            for method, name in {SURFACE: "SR", network: "PC2PIX"}.items()
-        }
+        heads = {}
+        for class_name in classes[start : start + _IN_A_ROW]:
+            heads[class_name, SURFACE] = f"{class_name} SR"
+            heads[class_name, network] = f"{class_name} PC2PIX"
         yield _with_paper_values("", "class", heads, rows)
 
 
@@ -340,15 +362,17 @@ def _with_paper_values(
 ) -> Grid:
     """Return a grid with a line of ours for each metric, and the paper's below where it has any.
 
-    `heads` are those of the columns by their value of the column `across` and their method.
+    corner  what stands above the names of the lines
+    across  the column of the rows, `condition` or `class`, whose values stand side by side
+    heads   heads of the grid's columns, by a value of the column `across` and a method
     """
-    at = {(row["metric"], row[across], row["method"]): row for row in rows}
+    row_at = {(row["metric"], row[across], row["method"]): row for row in rows}
     lines = []
     for metric in ordered(row["metric"] for row in rows):
-        of_metric = [at.get((metric, *key)) for key in heads]
-        cells = [replace(quality_cell(row), interval=None) if row else NOTHING for row in of_metric]
+        of_metric = [row_at.get((metric, *key)) for key in heads]
+        cells = [replace(quality_cell(row), interval=None) if row else DASH for row in of_metric]
         if all(row["skipped"] for row in of_metric if row):
-            cells = [Cell("skipped")] * len(of_metric)
+            cells = [Cell("skipped") for _ in of_metric]
         lines.append(TableRow(metric, tuple(cells)))
         paper = [row["paper"] if row else NAN for row in of_metric]
         if any(map(math.isfinite, paper)):
@@ -358,32 +382,34 @@ def _with_paper_values(
 
 
 def all_methods(frame: pd.DataFrame, legend: str = _LEGEND) -> Iterator[Block]:
-    """Yield all cells, with a grid for each metric.
+    """Yield a grid of all methods for each metric.
 
     With one class methods are down and conditions across; with several classes these are down and
-    methods across, condition by condition.
+    methods across, and each condition has a grid of its own.
     """
     yield legend
     trained = {
-        row["method"]: _training(row, markdown.code(row["objective"])) for row in records(frame)
+        row["method"]: _training(row, markdown.code(row["objective"]))
+        for row in row_mappings(frame)
     }
     yield "\n".join(
         f"{markdown.code(method)}: {training}.  "
         for method, training in trained.items()
         if training
     )
-    told: set[str] = set()
     by_class = frame["class"].nunique() > 1
-    places = frame.groupby("condition" if by_class else "class", sort=False)
-    for name, of_place in places:
-        where = "" if by_class and len(places) == 1 else f", {name}"
-        for metric, of_metric in of_place.groupby("metric", sort=False):
+    # What is the same in a whole grid: the condition where classes are down, else the class.
+    of_each = frame.groupby("condition" if by_class else "class", sort=False)
+    for name, of_name in of_each:
+        where = "" if by_class and len(of_each) == 1 else f", {name}"
+        said_before: set[str] = set()
+        for metric, of_metric in of_name.groupby("metric", sort=False):
             yield f"## {markdown.cell(f'{metric}{where}')}"
-            shown_grid = _grid(of_metric, by_class)
-            # What holds for several metrics is said once, below the first.
-            new = tuple(note for note in shown_grid.notes if f"{name} {note}" not in told)
-            told |= {f"{name} {note}" for note in new}
-            yield replace(shown_grid, notes=shown_grid.notes if shown_grid.void else new)
+            of_all = _grid(of_metric, by_class)
+            # A note that holds for several metrics is said once, below the first.
+            new = tuple(note for note in of_all.notes if note not in said_before)
+            said_before.update(new)
+            yield of_all if of_all.void else replace(of_all, notes=new)
             if any(map(math.isfinite, of_metric["debiased"])):
                 nothing = dict.fromkeys(("ci_low", "ci_high", "paper", "failures_as_blank"), NAN)
                 yield f"## {markdown.cell(f'{metric}, debiased{where}')}"
@@ -393,76 +419,92 @@ def all_methods(frame: pd.DataFrame, legend: str = _LEGEND) -> Iterator[Block]:
 
 
 def _grid(frame: pd.DataFrame, by_class: bool, how: str = "") -> Grid:
-    """Return the grid of one metric at one condition, or else of one class.
+    """Return the grid of one metric.
 
-    `how` follows the metric's name.
+    by_class  whether the frame is of one condition and classes are down; else it is of one class,
+              and methods are down
+    how       follows the name of the metric
     """
-    rows = records(frame)
+    rows = row_mappings(frame)
     first, higher = rows[0], higher_is_better(rows[0]["metric"])
     skipped = ordered(row["note"] for row in rows if row["skipped"])
     if by_class:
-        line, column, corner, across = "class", "method", "class", "class"
-        where = f"at {first['condition']}"
+        line, column, about = "class", "method", _nothing_about
+        where, named_with = f"at {first['condition']}", "class"
     else:
-        line, column, corner, across = "method", "condition", "method", "condition"
-        where = first["class"]
+        line, column, about = "method", "condition", _about
+        where, named_with = first["class"], "condition"
+    better = "higher is better" if higher else "lower is better"
     return pivot(
         frame,
-        line,
-        column,
-        partial(_cell, best=best_printed(rows)),
-        corner=corner,
-        about=(lambda rows: "") if by_class else _about,
+        line=line,
+        column=column,
+        cell=partial(_cell, best=best_printed(rows)),
+        corner=line,
+        about=about,
         metric=first["metric"] + how,
-        caption=f"{first['metric']}{how}, {where} ({'higher' if higher else 'lower'} is better)",
-        notes=tuple(skipped or _gaps(rows, across)),
+        caption=f"{first['metric']}{how}, {where} ({better})",
+        notes=tuple(skipped or _gaps(rows, named_with)),
         void=bool(skipped),
         higher=higher,
     )
 
 
-def _gaps(rows: Sequence[dict[str, Any]], across: str) -> list[str]:
-    """Return a line for each cell with failures; cells that lack a value for one reason share."""
+def _nothing_about(rows: Sequence[Mapping[str, Any]]) -> str:
+    return ""
+
+
+def _gaps(rows: Sequence[dict[str, Any]], named_with: str) -> list[str]:
+    """Return a line for each row with failed images, and one for each other reason of no value.
+
+    named_with  the column, `condition` or `class`, by which a row is named beside its method
+    """
     notes: list[str] = []
     undefined: dict[str, list[str]] = {}
     for row in rows:
         if row["method"] in CHOSEN:
-            continue  # named as the method that it is
+            continue  # the method that it stands for has the same line
         if row["failed"]:
-            notes.append(f"{row['method']} at {row[across]}: {row['note']}")
+            notes.append(f"{row['method']} at {row[named_with]}: {row['note']}")
         elif row["note"]:
             undefined.setdefault(row["note"], []).append(row["method"])
     return notes + [f"{', '.join(ordered(names))}: {note}" for note, names in undefined.items()]
 
 
 def best_printed(rows: Iterable[dict[str, Any]]) -> set[tuple[str, str, str]]:
-    """Return the methods that compete in each class and condition and are the best of it, printed.
+    """Return (class, condition, method) of the best methods by one metric.
 
-    None where fewer than two compete. A value of blank images alone has no part.
+    Several are the best where they print equal. Reference methods do not compete, nor does a method
+    of which all images failed; where fewer than two compete none is the best.
     """
-    by_cell: dict[tuple[str, str], list[dict[str, Any]]] = {}
+    competing: dict[tuple[str, str], list[dict[str, Any]]] = {}
     for row in rows:
         if math.isfinite(row["value"]) and row["n_ok"] and not role(row["method"]):
-            by_cell.setdefault((row["class"], row["condition"]), []).append(row)
-    return {
-        (*key, row["method"])
-        for key, of_cell in by_cell.items()
-        for row in of_cell
-        if len(of_cell) > 1 and not any(is_better(other, row) for other in of_cell)
-    }
+            competing.setdefault((row["class"], row["condition"]), []).append(row)
+    best = set()
+    for (class_name, condition), rivals in competing.items():
+        if len(rivals) < 2:
+            continue
+        for row in rivals:
+            if not any(is_better(other, row) for other in rivals):
+                best.add((class_name, condition, row["method"]))
+    return best
 
 
 def _cell(row: Mapping[str, Any], best: Container[tuple[str, str, str]]) -> Cell:
+    """Return the cell of a value with everything beside it; `best` as `best_printed` returns it."""
     paper = f"{row['paper']:g}" if math.isfinite(row["paper"]) else ""
     if row["skipped"]:
         return Cell("skipped", paper=paper)
-    blank = row["failures_as_blank"]
-    beside = row["failed"] and math.isfinite(blank)
+    blank = None
+    if row["failed"] and math.isfinite(row["failures_as_blank"]):
+        digits = decimals(row["metric"], row["images_of"])
+        blank = number_text(row["failures_as_blank"], digits)
     is_best = (row["class"], row["condition"], row["method"]) in best
     return replace(
         quality_cell(row),
         count=(row["n_ok"], row["n"]),
-        blank=shown(blank, decimals(row["metric"], row["images_of"])) if beside else None,
+        blank=blank,
         paper=paper,
         special=BEST if is_best else None,
     )
@@ -471,17 +513,21 @@ def _cell(row: Mapping[str, Any], best: Container[tuple[str, str, str]]) -> Cell
 def quality_cell(row: Mapping[str, Any]) -> Cell:
     """Return the cell of a value with its interval alone."""
     estimate = row["value"], row["ci_low"], row["ci_high"]
-    cell = measured(estimate, row["metric"], row["images_of"])
+    cell = metric_cell(estimate, row["metric"], row["images_of"])
     return unsure(cell) if may_miss(row["failed"], row["objects"]) else cell
 
 
 def _about(rows: Sequence[Mapping[str, Any]]) -> str:
+    """Return what stands beside a method's name: its role, and what it was trained on."""
     parts = [role(rows[0]["method"]), _training(rows[0], rows[0]["objective"])]
     return ", ".join(part for part in parts if part)
 
 
 def _training(row: Mapping[str, Any], objective: str) -> str:
     """Return what a network was trained on and with, as far as it is known; empty for others."""
-    parts = [f" on {row['trained_on']}"] if row["trained_on"] not in ("", "nothing") else []
-    parts += [f" with {objective}"] if row["objective"] else []
-    return "trained" + ",".join(parts) if parts else ""
+    parts = []
+    if row["trained_on"] not in ("", "nothing"):
+        parts.append(f"on {row['trained_on']}")
+    if row["objective"]:
+        parts.append(f"with {objective}")
+    return f"trained {', '.join(parts)}" if parts else ""

@@ -1,10 +1,10 @@
-"""The words of `bench add` on a method: its values, its places, and whether it is ahead."""
+"""What `bench add` prints about a method: its values, its places, and whether it is ahead."""
 
 from __future__ import annotations
 
 from collections.abc import Iterator, Sequence
 
-from bench.analysis.run_pairs import Standing, standing
+from bench.analysis.run_pairs import Standing, method_standing
 from bench.analysis.scored_run import Run
 from bench.catalogue.conditions import condition_name
 from bench.tables.differences import comparison_lines
@@ -17,12 +17,14 @@ from bench.tables.terminal import in_parts, laid_out, value_text
 def standing_lines(
     run: Run, headline: Table, method: str, added: Sequence[str], width: int
 ) -> Iterator[str]:
-    """Yield what a run says of a method, in lines of at most `width` columns.
+    """Yield how a method stands among those of its run, in lines of at most `width` columns.
 
-    First its values in the headline table, its place among the methods that compete, and what it
-    lacks; then how it compares with the best that are none of `added`.
+    added  methods that were added together with it: it is not compared with them
+
+    First come its values in the headline table, its place among the methods that compete, and the
+    images that it lacks; then how it compares with the best of the other methods.
     """
-    stands, name = standing(run, method, added), visible(method)
+    stands, name = method_standing(run, method, added), visible(method)
     yield ""
     if not stands.conditions:
         yield f"{name} has no image: there is nothing to compare."
@@ -42,7 +44,9 @@ def standing_lines(
 def _values(headline: Table, stands: Standing, method: str) -> Iterator[list[str]]:
     """Yield a line for each metric: the values of a method at the conditions, and its place."""
     for grid in headline.grids():
-        for line in (line for line in grid.lines if line.name == method):
+        for line in grid.lines:
+            if line.name != method:
+                continue
             place, among = stands.places.get(grid.metric, (0, 0))
             yield [
                 grid.metric,
@@ -52,12 +56,15 @@ def _values(headline: Table, stands: Standing, method: str) -> Iterator[list[str
 
 
 def _ordinal(place: int) -> str:
-    ends = {1: "st", 2: "nd", 3: "rd"} if place // 10 % 10 != 1 else {}
+    """Return 1st, 2nd, 3rd, 4th; 11th, 12th and 13th."""
+    if place % 100 in (11, 12, 13):
+        return f"{place}th"
+    ends = {1: "st", 2: "nd", 3: "rd"}
     return f"{place}{ends.get(place % 10, 'th')}"
 
 
 def _lacks(stands: Standing, name: str) -> Iterator[str]:
-    """Yield a line on conditions without an image, and one for each where some are missing."""
+    """Yield a line on the conditions without an image, and one for each that lacks some images."""
     has, every = stands.conditions, stands.images
     if len(has) < len(every):
         yield (

@@ -11,6 +11,7 @@ import io
 import math
 from collections.abc import Callable, Iterable
 from dataclasses import dataclass, replace
+from itertools import product
 from pathlib import Path
 
 import pandas as pd
@@ -18,11 +19,11 @@ import pandas as pd
 from bench.catalogue.suites import TRUTHS, Suite
 from bench.records.run_folder import COLOURED, TRUTH
 from bench.tables import latex, markdown
-from bench.tables.grid import Block, Grid, records
+from bench.tables.grid import Block, Grid, row_mappings
 from data_prep.files.atomic_write import write_whole
 from data_prep.progress import log
 
-TABLES = "tables"  # folder of a run
+TABLES = "tables"  # folder of tables in that of a run
 
 
 def csv_text(header: Iterable[str], rows: Iterable[Iterable[object]]) -> str:
@@ -41,12 +42,14 @@ def _csv_line(values: Iterable[object]) -> str:
 class Table:
     """A finished table.
 
-    name    of its files, without suffix
-    frame   its rows; the columns are those of the CSV
-    layout  returns what people see of the frame; None: the table is for scripts alone
-    remark  what one has to know to read it in the report
-    digits  format of the floats of its CSV; one that is not finite is an empty field
-    hidden  columns of the frame for the layout alone
+    name    name of its files, without suffix
+    title   above the table
+    frame   its rows, with the columns of the CSV and those that are hidden
+    layout  returns the texts and grids that people see of the frame; None for a table that only
+            scripts read
+    remark  what a reader has to know to read it in the report
+    digits  format of the floats in the CSV; a float that is not finite is an empty field
+    hidden  columns of the frame that the layout needs, and that no file has
     """
 
     name: str
@@ -60,24 +63,23 @@ class Table:
     def to_csv(self) -> str:
         """Return a header, and a line for each row."""
         shown = self._shown
-        return csv_text(shown.columns, (map(self._field, line.values()) for line in records(shown)))
+        return csv_text(
+            shown.columns, (map(self._field, line.values()) for line in row_mappings(shown))
+        )
 
     def to_rows(self) -> list[dict[str, object]]:
         """Return values by column, unrounded; None for a float that is not finite."""
-        return [
-            {
-                name: None if isinstance(value, float) and not math.isfinite(value) else value
-                for name, value in line.items()
-            }
-            for line in records(self._shown)
-        ]
+        rows: list[dict[str, object]] = []
+        for row in row_mappings(self._shown):
+            rows.append({name: _finite_or_none(value) for name, value in row.items()})
+        return rows
 
     def to_markdown(self) -> str:
         """Return the title and what people see."""
         return markdown.document([f"# {self.title}", *self._blocks()])
 
     def to_latex(self) -> str:
-        """Return the grids of the report as tables of LaTeX, for below `latex.PREAMBLE`."""
+        """Return the grids of the report as LaTeX, which has to follow `latex.PREAMBLE`."""
         return latex.document(self.name, self.title, self._blocks())
 
     def grids(self) -> tuple[Grid, ...]:
@@ -97,10 +99,15 @@ class Table:
         return self.layout(self.frame) if self.layout else ()
 
 
-def of_protocol(table: Table, suite: Suite, version: int) -> Table:
-    """Return the table with the truth and the protocol's version in its title and as columns.
+def _finite_or_none(value: object) -> object:
+    return None if isinstance(value, float) and not math.isfinite(value) else value
 
-    Only truth in grey has a column, the last: in colours the suite alone tells it.
+
+def of_protocol(table: Table, suite: Suite, version: int) -> Table:
+    """Return the table with the version of the protocol and the truth in its title and columns.
+
+    There is a column of the truth, the last one, only where true images are grey: without it they
+    are in colours.
     """
     frame = table.frame.assign(protocol=version)
     if suite.truth != COLOURED:
@@ -111,12 +118,12 @@ def of_protocol(table: Table, suite: Suite, version: int) -> Table:
 
 def table_files(tables: Iterable[Table]) -> dict[str, str]:
     """Return file names and contents: each as CSV, and as Markdown where it has a layout."""
-    texts = {".csv": Table.to_csv, ".md": Table.to_markdown}
-    return {f"{table.name}{kind}": texts[kind](table) for table in tables for kind in _kinds(table)}
-
-
-def _kinds(table: Table) -> tuple[str, ...]:
-    return (".csv", ".md") if table.layout is not None else (".csv",)
+    texts = {}
+    for table in tables:
+        texts[f"{table.name}.csv"] = table.to_csv()
+        if table.layout is not None:
+            texts[f"{table.name}.md"] = table.to_markdown()
+    return texts
 
 
 def write_tables(directory: Path, tables: Iterable[Table]) -> None:
@@ -126,14 +133,21 @@ def write_tables(directory: Path, tables: Iterable[Table]) -> None:
 
 
 def remove_stale(directory: Path, tables: Iterable[Table], own: Iterable[str]) -> None:
-    """Remove tables of earlier versions of a run that are not among these, and name them.
+    """Remove the tables that a run had before and no longer has, and name them on stderr.
 
-    `own` are the names of all tables that a run of its kind writes: other files of that folder are
-    of the user, or of `bench score`.
+    tables  those that it has now
+    own     names of all tables that a run of its suite can have; files of other names in the folder
+            belong to the user or to `bench score`, and stay
     """
-    written, folder = {f"{t.name}{kind}" for t in tables for kind in _kinds(t)}, directory / TABLES
-    files = (folder / f"{name}{kind}" for name in own for kind in (".csv", ".md"))
-    stale = sorted(path for path in files if path.name not in written and path.is_file())
+    folder = directory / TABLES
+    written = set()
+    for table in tables:
+        written.add(f"{table.name}.csv")
+        if table.layout is not None:
+            written.add(f"{table.name}.md")
+    possible = [f"{name}{suffix}" for name, suffix in product(own, (".csv", ".md"))]
+    stale = sorted(folder / name for name in possible if name not in written)
+    stale = [path for path in stale if path.is_file()]
     if folder.is_symlink():
         return
     for path in stale:

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Container, Iterator, Mapping
+from collections.abc import Callable, Container, Iterator, Mapping, Sequence
 from functools import partial
 from typing import Any
 
@@ -16,17 +16,18 @@ from bench.tables.grid import (
     BEST,
     Block,
     Cell,
-    measured,
+    Grid,
+    metric_cell,
+    number_text,
     pivot,
-    records,
+    row_mappings,
     scored_as_blank,
-    shown,
 )
 from bench.tables.quality import best_printed
 from bench.tables.table import Table
 
 TAILS = "tails"
-_TOLD = {  # the captions of the values of a metric, and of the worst images by it
+_CAPTIONS = {  # by metric: of the grid of values, and of the grid of the worst images
     "lpips": ("mean lpips of the worst 1 % of the images", "the image with the highest lpips"),
     "invented-holes": (
         "images with an invented hole, in per cent",
@@ -56,31 +57,40 @@ def _layout(frame: pd.DataFrame) -> Iterator[Block]:
     """Yield for each metric the grid of its values, and that of the worst images."""
     yield _REMARK
     for metric, of_metric in frame.groupby("metric", sort=False):
-        rows = records(of_metric.assign(images_of=of_metric["method"]))
-        failed = [row for row in rows if row["n_ok"] < row["n"]]
-        notes = tuple(
-            f"{row['method']} at {row['condition']}: {scored_as_blank(row['n_ok'], row['n'])}"
-            for row in failed
-        )
-        cells = ((partial(_value, best=best_printed(rows)), notes), (_worst, ()))
-        for caption, (cell, below) in zip(_TOLD[str(metric)], cells, strict=True):
-            yield f"## {caption.capitalize()}"
-            yield pivot(
-                of_metric,
-                "method",
-                "condition",
-                cell,
-                corner="method",
-                about=lambda of_method: role(of_method[0]["method"]),
-                caption=caption,
-                notes=below,
-                higher=False,
-            )
+        rows = row_mappings(of_metric.assign(images_of=of_metric["method"]))
+        notes = []
+        for row in rows:
+            if lacking := scored_as_blank(row["n_ok"], row["n"]):
+                notes.append(f"{row['method']} at {row['condition']}: {lacking}")
+        caption_of_values, caption_of_worst = _CAPTIONS[str(metric)]
+        value = partial(_value, best=best_printed(rows))
+        yield f"## {caption_of_values.capitalize()}"
+        yield _grid(of_metric, value, caption_of_values, notes)
+        yield f"## {caption_of_worst.capitalize()}"
+        yield _grid(of_metric, _worst, caption_of_worst)
+
+
+def _grid(
+    frame: pd.DataFrame, cell: Callable[[Any], Cell], caption: str, notes: Sequence[str] = ()
+) -> Grid:
+    """Return a grid of the rows of a metric, methods down and conditions across."""
+    return pivot(
+        frame,
+        line="method",
+        column="condition",
+        cell=cell,
+        corner="method",
+        about=lambda of_method: role(of_method[0]["method"]),
+        caption=caption,
+        notes=tuple(notes),
+        higher=False,
+    )
 
 
 def _value(row: Mapping[str, Any], best: Container[tuple[str, str, str]]) -> Cell:
+    """Return the value and the number of images; `best` as `best_printed` returns it."""
     is_best = (row["class"], row["condition"], row["method"]) in best
-    return measured(
+    return metric_cell(
         (row["value"], NAN, NAN),
         row["metric"],
         row["method"],
@@ -90,10 +100,11 @@ def _value(row: Mapping[str, Any], best: Container[tuple[str, str, str]]) -> Cel
 
 
 def _worst(row: Mapping[str, Any]) -> Cell:
+    """Return the object and the view of the worst image, with its value."""
     if not row["worst_object"]:
         return Cell("none", row["worst"])
     if row["metric"] in INVENTED:
         value = f"{row['worst']:.0f} px"
     else:
-        value = shown(row["worst"], decimals(row["metric"], row["method"]))
+        value = number_text(row["worst"], decimals(row["metric"], row["method"]))
     return Cell(f"{row['worst_object']}, view {row['worst_view']}: {value}", row["worst"])

@@ -13,21 +13,21 @@ from collections.abc import Iterable, Sequence
 from dataclasses import replace
 from typing import TYPE_CHECKING
 
-from bench.tables.grid import BEST, NOTHING, Cell, Grid, meanings
+from bench.tables.grid import BEST, DASH, Cell, Grid, meanings
 from bench.tables.markdown import visible
 
 if TYPE_CHECKING:
     from rich.padding import Padding
     from rich.table import Table
 
-ANY_WIDTH = 10_000  # columns, more than any line has
-_NOTES = 3  # of all grids
-_FEWEST_LINES = 10
-STAR = "* best of those that compete"
+ANY_WIDTH = 10_000  # columns: more than any line has
+_MOST_NOTES = 3  # notes that are shown; a line counts the others
+_FEWEST_LINES = 10  # lines that grids have at least, however low the terminal is
+STAR = "* best of those that compete"  # the meaning of a star
 
 
 def terminal_width(otherwise: int = 80) -> int:
-    """Return the columns of the terminal, or what COLUMNS says; `otherwise` without either."""
+    """Return the columns of the terminal or those of COLUMNS; `otherwise` without either."""
     return shutil.get_terminal_size((otherwise, 24)).columns
 
 
@@ -57,8 +57,8 @@ def table(heads: Sequence[str], lines: Iterable[Sequence[str]], left: int = 1) -
     from rich.table import Table
 
     laid = Table(box=None, pad_edge=False, show_header=any(heads))
-    for place, head in enumerate(heads):
-        laid.add_column(head, justify="left" if place < left else "right", overflow="fold")
+    for number, head in enumerate(heads):
+        laid.add_column(head, justify="left" if number < left else "right", overflow="fold")
     for line in lines:
         laid.add_row(*line)
     return laid
@@ -74,36 +74,32 @@ def in_parts(heads: Sequence[str], lines: Sequence[Sequence[str]], width: int) -
 
     console = Console(width=ANY_WIDTH)
     tables: list[Table] = []
-    for size in range(len(heads) - 1, 0, -1):
-        parts = [slice(start, start + size) for start in range(1, len(heads), size)]
-        tables = [
-            table([heads[0], *heads[part]], [[line[0], *line[part]] for line in lines])
-            for part in parts
-        ]
+    for size in range(len(heads) - 1, 0, -1):  # columns in each part, beside the first
+        tables = []
+        for start in range(1, len(heads), size):
+            part = slice(start, start + size)
+            lines_of_part = [[line[0], *line[part]] for line in lines]
+            tables.append(table([heads[0], *heads[part]], lines_of_part))
         if all(Measurement.get(console, console.options, t).maximum <= width for t in tables):
             break
     return tables
 
 
 def grid_lines(grids: Sequence[Grid], width: int, lines: int) -> list[str]:
-    """Return lines of at most `width` columns, at most `lines` of them, but 10 at least.
+    """Return grids as lines of at most `width` columns: at most `lines` of them, but 10 at least.
 
-    Intervals are there where they have room, and a line says how many lines had none.
+    Intervals are shown where there is room for them. Where lines have to be left out, one says how
+    many.
     """
     shown = [grid for grid in grids if not grid.void]
-    cells = [cell for grid in shown for line in grid.lines for cell in line.cells]
     notes = [visible(note) for grid in grids for note in grid.notes]
-    if len(notes) > _NOTES:
-        notes[_NOTES:] = [f"... {len(notes) - _NOTES} more remarks, in the tables"]
+    if len(notes) > _MOST_NOTES:
+        notes[_MOST_NOTES:] = [f"... {len(notes) - _MOST_NOTES} more remarks, in the tables"]
+    has_intervals = any(cell.interval for cell in _cells(shown))
     rows, end = list[str](), list[str]()
-    for intervals in (any(cell.interval for cell in cells), False):
-        marks = (
-            STAR if any(cell.special is BEST for cell in cells) else "",
-            f"[{shown[0].interval}]" if intervals else "",
-            *meanings(cells if intervals else [replace(cell, interval=None) for cell in cells]),
-        )
-        legend = "; ".join(filter(None, marks))
-        end = [_cut(text, width) for text in (legend, *notes) if text]
+    for intervals in (True, False) if has_intervals else (False,):
+        texts = [_legend(shown, intervals), *notes]
+        end = [_cut(text, width) for text in texts if text]
         tables = [_tables(grid, intervals, width) for grid in shown]
         rows = []
         for grid, of_grid in zip(shown, tables, strict=True):
@@ -113,12 +109,28 @@ def grid_lines(grids: Sequence[Grid], width: int, lines: int) -> list[str]:
             break
     most = max(_FEWEST_LINES, lines) - len(end)
     if len(rows) > most:
-        left = len(rows) - most + 1
-        rows[most - 1 :] = [_cut(f"... {left} more lines, in the tables", width)]
+        left_out = len(rows) - most + 1
+        rows[most - 1 :] = [_cut(f"... {left_out} more lines, in the tables", width)]
     return [*rows, *end]
 
 
+def _cells(grids: Iterable[Grid]) -> list[Cell]:
+    return [cell for grid in grids for line in grid.lines for cell in line.cells]
+
+
+def _legend(grids: Sequence[Grid], intervals: bool) -> str:
+    """Return the meaning of the marks of all cells, which may be shown without intervals."""
+    cells = _cells(grids)
+    texts = [STAR] if any(cell.special is BEST for cell in cells) else []
+    if intervals:
+        texts.append(f"[{grids[0].interval}]")
+    else:
+        cells = [replace(cell, interval=None) for cell in cells]
+    return "; ".join([*texts, *meanings(cells)])
+
+
 def _tables(grid: Grid, intervals: bool, width: int) -> list[Table]:
+    """Return a grid as a table, or as several where it is wider than `width`."""
     heads = ["", *map(visible, grid.columns)]
     lines = [
         [visible(line.name), *(value_text(cell, intervals) for cell in line.cells)]
@@ -128,13 +140,15 @@ def _tables(grid: Grid, intervals: bool, width: int) -> list[Table]:
 
 
 def value_text(cell: Cell, interval: bool) -> str:
-    """Return the value, and the ends of its interval without their zeros before the point.
+    """Return the value, and its interval without the zeros before the points: "0.812 [.79, .83]".
 
-    A dash for one of blank images alone.
+    A dash where all images failed.
     """
     if cell.count and not cell.count[0]:
-        return NOTHING.text
-    text = "*" * (cell.special is BEST) + visible(cell.text)
+        return DASH.text
+    text = visible(cell.text)
+    if cell.special is BEST:
+        text = f"*{text}"
     if not interval or cell.value is None or cell.interval is None:
         return text
     low, high = (re.sub(r"^(-?)0\.", r"\1.", end) for end in cell.interval)
@@ -142,7 +156,7 @@ def value_text(cell: Cell, interval: bool) -> str:
 
 
 def _cut(text: str, width: int) -> str:
-    """Return a text of one line, which ends in "…" where it has no room."""
+    """Return a text as one line of at most `width` columns, which ends in "…" where it is cut."""
     from rich.text import Text
 
     line = Text(text)

@@ -23,7 +23,7 @@ from harness_objects import Tetrahedron
 from bench import finish
 from bench.analysis.distances import Distance
 from bench.analysis.scored_run import Run, full_frame, read_run
-from bench.analysis.scores import HIDDEN, NOTHING, VALUE_COLUMNS
+from bench.analysis.scores import EMPTY_VALUES, HIDDEN, VALUE_COLUMNS
 from bench.catalogue.methods import FLOORS
 from bench.catalogue.metrics import IMAGE_METRICS, column
 from bench.catalogue.suites import SUITES, Suite, TableSpec
@@ -44,7 +44,7 @@ from bench.running.options import Options
 from bench.running.protocol import Protocol, find_methods
 from bench.running.run import RunResult
 from bench.tables.build import Outputs, write_outputs
-from bench.tables.grid import records
+from bench.tables.grid import row_mappings
 from bench.tables.quality import quality_table
 from data_prep.clouds.conditions import CONDITIONS, Unchanged
 from data_prep.datasets.protocol_version import PROTOCOL_VERSION
@@ -196,7 +196,7 @@ def scored_records(
 
 def value_row(method="splat", value=0.5, condition="2048", metric="ssim", **changes):
     """A row of a quality table, as its columns; skipped and failed as note and numbers say."""
-    row = {**NOTHING, "suite": "s", "method": method, "condition": condition, "class": "chair"}
+    row = {**EMPTY_VALUES, "suite": "s", "method": method, "condition": condition, "class": "chair"}
     row |= {"metric": metric, "value": value, "failures_as_blank": value, "n_ok": 2, "n": 2}
     row |= {"images_of": method} | changes
     failed = row["n_ok"] + row["undefined"] < row["n"]
@@ -217,7 +217,7 @@ def rows_of(*tables) -> list[Any]:
     return [
         SimpleNamespace(**row, class_name=row["class"])
         for table in tables
-        for row in records(getattr(table, "frame", table))
+        for row in row_mappings(getattr(table, "frame", table))
     ]
 
 

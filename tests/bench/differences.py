@@ -6,7 +6,7 @@ from math import isfinite, nan
 
 import pandas as pd
 
-from bench.analysis.run_pairs import MEASURED, Differences
+from bench.analysis.run_pairs import IMAGES_OF, Differences
 from bench.catalogue.suites import TRUTHS
 
 
@@ -22,7 +22,7 @@ def make_difference(metric, condition, value, ahead="b", **changes):
         **{"failed_a": 0, "failed_b": 0},
         **{"objects": 24, "objects_needed": 8 if ahead == "unknown" and isfinite(value) else None},
     } | changes
-    measured = zip(MEASURED, (row["method_a"], row["method_b"]), strict=True)
+    measured = zip(IMAGES_OF, (row["method_a"], row["method_b"]), strict=True)
     return dict(measured) | row
 
 

@@ -48,7 +48,7 @@ from bench.suites.latent.codes import (
 )
 from bench.suites.procedure import SuiteRun, methods_of, run_suite, suite_manifest
 from bench.tables import markdown
-from bench.tables.grid import Block, Cell, number, ordered, pivot
+from bench.tables.grid import Block, Cell, number_cell, ordered, pivot
 from bench.tables.table import Table
 from data_prep.datasets.registry import open_dataset
 from data_prep.failures import BadInput
@@ -219,7 +219,7 @@ def latent_table(
             return Cell(f"- 0/{n}")
         count = f" {n_ok}/{n}" if n_ok < n else ""
         estimate = row["value"], row["ci_low"], row["ci_high"]
-        return number(estimate, "{:.3g}".format, rest=count)
+        return number_cell(estimate, "{:.3g}".format, rest=count)
 
     def layout(_: pd.DataFrame) -> Iterator[Block]:
         yield remark

@@ -10,7 +10,7 @@ from hypothesis import strategies as st
 
 from bench.analysis.comparison import Estimate
 from bench.analysis.condition_sweep import (
-    FAMILY,
+    FAMILY_BY_ID,
     NO_VALUE,
     UNDECIDED,
     better_of,
@@ -48,7 +48,7 @@ def along(family, curves, spread=0.0, **changes):
             {m: f(x) + OFFSETS * (1 + spread * (m == first)) for m, f in curves.items()},
             **changes,
         )
-        for x, condition in FAMILY[family].steps
+        for x, condition in FAMILY_BY_ID[family].steps
     )
 
 
@@ -138,8 +138,8 @@ def test_who_is_ahead_and_where_that_changes(family, differences, ahead, crossov
     """Leads are values, or (value, low, high), at the first steps of a family."""
     leads = [Estimate(*v) if isinstance(v, tuple) else Estimate(v, NAN, NAN) for v in differences]
     assert tuple(better_of(lead, "splat-net", "pc2pix") for lead in leads) == ahead
-    at = FAMILY[family].values[: len(leads)]
-    columns = crossings(FAMILY[family], at, leads)
+    at = FAMILY_BY_ID[family].values[: len(leads)]
+    columns = crossings(FAMILY_BY_ID[family], at, leads)
     found = [(i, *c) for i, c in enumerate(zip(*columns.values(), strict=True)) if c[0] == c[0]]
     assert len(found) == len(crossovers)
     for one, expected in zip(found, crossovers, strict=True):

@@ -5,7 +5,7 @@ from __future__ import annotations
 import numpy as np
 import pytest
 
-from bench.analysis.distances import ROWS, FeatureDistances
+from bench.analysis.distances import FEATURES_AT_ONCE, FeatureDistances
 from bench.metrics.frechet import (
     EXACT_OBJECTS,
     JackknifeMoments,
@@ -51,7 +51,7 @@ def test_many_objects_are_read_in_parts_and_failed_images_are_blank_ones():
     }
     features = CountedFeatures(values)
     distance = FeatureDistances(features).distance(("splat", "2048", "chair"), IMAGES)
-    assert features.most == ROWS < len(IMAGES)
+    assert features.most == FEATURES_AT_ONCE < len(IMAGES)
     filled = np.array([(values["splat"] | values["blank"] | values["splat"])[i] for i in IMAGES])
     true = np.array([values[GROUND_TRUTH][image] for image in IMAGES])
     objects = np.array([obj for obj, _ in IMAGES])

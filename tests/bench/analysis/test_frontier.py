@@ -4,7 +4,7 @@ import pandas as pd
 import pytest
 
 from bench.analysis import frontier
-from bench.analysis.frontier import thinned
+from bench.analysis.frontier import thinned_clouds
 from bench.analysis.paired import Verdicts
 
 from .comparisons import comparison, row_of
@@ -32,7 +32,7 @@ FIELD = {
 
 
 def places(made, views):
-    return frontier.places(made, views, Verdicts(made[:0], made))
+    return frontier.frontier_verdicts(made, views, Verdicts(made[:0], made))
 
 
 def verdicts(made):
@@ -129,7 +129,7 @@ def test_a_claimed_cost_has_no_part_in_the_frontier():
     made = verdicts(places(claimed, 20))
     assert made.pop("entered") == ("claimed", "")
     assert made == verdicts(places(comparison(FIELD), 20))
-    fewer = thinned(claimed, 20)
+    fewer = thinned_clouds(claimed, 20)
     assert fewer.loc[fewer["claimed"], "method"].tolist() == ["entered"]
 
 

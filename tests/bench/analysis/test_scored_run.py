@@ -72,7 +72,7 @@ def test_sums_are_those_of_all_records(records):
     run = scored_records(frame)
     keys = ["condition", "class", "object", "view"]
     blank = frame[frame["method"] == "blank"].set_index(keys)
-    for cell in run.cells:
+    for cell in run.image_sets:
         at = (frame[["method", "condition", "class"]] == list(cell)).all(axis=1)
         of_cell = frame[at]
         ok = of_cell["outcome"] == "ok"

@@ -15,7 +15,7 @@ from bench.checking.golden import check, golden_lines
 from bench.checking.tolerances import JUDGED, OF_CLASSES, RECONSTRUCTION, RENDERING, tolerance
 from bench.records.run_folder import read_manifest, write_manifest
 from bench.tables.build import tables, write_outputs
-from bench.tables.grid import records
+from bench.tables.grid import row_mappings
 from bench.tables.published import golden, golden_name
 
 from ..builders import SUITE, overwrite, write_run, write_run_with_tables
@@ -111,7 +111,7 @@ def has_the_tolerances_of_its_rules(frame):
 
 
 def test_a_cell_of_two_tables_is_blessed_once_and_with_room_below_zero(run):
-    rows = records(tables(read_run(run))[0].frame)
+    rows = row_mappings(tables(read_run(run))[0].frame)
     below = rows[0] | {"metric": "kd-views", "value": -2.0}
     other = rows[0] | {"method": BEST_CLASSICAL}  # the value of another method
     lines = golden_lines(2 * (*rows, below, other), {"seed": 0})

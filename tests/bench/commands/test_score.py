@@ -189,7 +189,7 @@ def test_distances_of_an_extractor_are_those_of_its_features(copied):
     value = {(row.metric, row.method, row.condition): row.value for row in rows_of(table)}
     run = read_run(copied)
     sources = open_sources(copied, run.manifest, ())
-    objects = sorted(run.objects(run.cells[0]))
+    objects = sorted(run.objects(run.image_sets[0]))
     drawn, true = (
         np.concatenate(
             [features(sources.images(JobName(method, condition, "chair", obj))) for obj in objects]

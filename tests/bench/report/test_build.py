@@ -38,7 +38,7 @@ from bench.records.store import STORE
 from bench.report.build import write_report
 from bench.running.run import RunResult
 from bench.tables.build import make_outputs
-from bench.tables.grid import shown as as_shown
+from bench.tables.grid import number_text as as_shown
 from data_prep.failures import BadInput, CannotWrite
 
 HOSTILE = "<script>alert(1)</script>\"'><img src=x onerror=alert(2)>{{ 7 * 7 }}"

@@ -12,7 +12,7 @@ import pytest
 from report_parser import parse
 
 from bench.analysis.comparison import NAN
-from bench.analysis.frontier import places
+from bench.analysis.frontier import frontier_verdicts
 from bench.analysis.paired import Verdicts
 from bench.catalogue.conditions import FAMILIES
 from bench.catalogue.metrics import higher_is_better
@@ -227,7 +227,7 @@ QUALITIES = {"splat": 0.6, "surface-apss": 0.8, "true-mesh": 1.0, "blank": 0.5}
 
 
 def costs_of(made):
-    return cost_figures(places(made, 2, Verdicts(made)), method_styles(METHODS))
+    return cost_figures(frontier_verdicts(made, 2, Verdicts(made)), method_styles(METHODS))
 
 
 @pytest.mark.parametrize(

@@ -9,7 +9,7 @@ from itertools import product
 
 import pytest
 
-from bench.analysis.run_pairs import methods_of_run, standing
+from bench.analysis.run_pairs import compare_methods, method_standing
 from bench.analysis.scored_run import read_run
 from bench.catalogue.chosen import BEST_CLASSICAL, BEST_LEARNED_3D, CHOSEN, OTHER_METRICS
 from bench.catalogue.methods import METHODS as CATALOGUE
@@ -117,9 +117,9 @@ def test_the_row_has_the_values_of_the_chosen_method(directory):
 
 
 def test_it_is_compared_by_its_name(directory):
-    found = methods_of_run(directory, ["best-classical", "splat"], ["lpips"])
+    found = compare_methods(directory, ["best-classical", "splat"], ["lpips"])
     direct = {
-        condition: methods_of_run(directory, [chosen, "splat"], ["lpips"])
+        condition: compare_methods(directory, [chosen, "splat"], ["lpips"])
         for condition, chosen in (("2048", "denoised-wrap"), ("512", "surface-apss"))
     }
     rows = {
@@ -139,9 +139,9 @@ def test_it_is_compared_by_its_name(directory):
         "`best-classical`, chosen on validation objects, is `denoised-wrap` at 2048; "
         "`surface-apss` at 512.",
     )
-    by_two = methods_of_run(directory, ["best-classical", "blank"], ["ssim", "lpips"])
+    by_two = compare_methods(directory, ["best-classical", "blank"], ["ssim", "lpips"])
     assert "is by ssim `splat` at 2048; `surface-apss` at 512; by lpips " in by_two.remarks[0]
-    values = by_two.cells.set_index(["metric", "condition"])
+    values = by_two.rows.set_index(["metric", "condition"])
     assert values.loc[("ssim", "2048"), "images_of_a"] == "splat"
     assert values.loc[("lpips", "2048"), "images_of_a"] == "denoised-wrap"
 
@@ -152,12 +152,12 @@ def test_an_added_method_is_compared_with_the_best_by_each_metric(directory):
     rivals = images.loc[["surface-apss", "denoised-wrap"]]
     best = {"ssim-object": rivals["ssim_object"].idxmax(), "lpips": rivals["lpips"].idxmin()}
     run = read_run(directory)
-    compared = standing(run, "splat", ["splat"]).against
+    compared = method_standing(run, "splat", ["splat"]).against
     assert {metric: d.a for by, d in compared for metric in by} == best
     assert compared[-1][1].a == BEST_CLASSICAL
     for _, differences in compared:
-        pair = methods_of_run(directory, [differences.a, "splat"], None)
+        pair = compare_methods(directory, [differences.a, "splat"], None)
         assert differences_table(differences).to_csv() == differences_table(pair).to_csv()
-        assert {*differences.cells["method_b"]} == {"splat"}
+        assert {*differences.rows["method_b"]} == {"splat"}
     every = [name for name in METHODS if name != "blank"]
-    assert standing(run, "splat", every).against[0][1].a == "blank"  # nothing else is there
+    assert method_standing(run, "splat", every).against[0][1].a == "blank"  # nothing else is there

@@ -86,7 +86,7 @@ def table(of=None, skipped=SKIPPED, features=None):
     features = features or FeaturesAtHand(*random_features())
     distances = FeatureDistances(features)
     run = scored_records(to_frame(of or records()), SUITE, {"fd-views": distances}, skipped)
-    images = pd.concat(confidences(run.cells, distances, HEAD))
+    images = pd.concat(confidences(run.image_sets, distances, HEAD))
     run = run.with_metric("class-confidence", images)
     return class_table(run, SPEC, PUBLISHED)
 
@@ -100,7 +100,7 @@ def test_confidence_is_that_of_each_records_own_image():
     """Softmax of the first two features, 1 / (1 + exp(other - own)), in whatever order they are."""
     index, values = random_features()
     features = FeaturesAtHand(index, values)
-    cells = scored_records(to_frame(records()), SUITE).cells
+    cells = scored_records(to_frame(records()), SUITE).image_sets
     found = pd.concat(confidences(cells, FeatureDistances(features), HEAD))
     assert len(found) == len(records())
     for _, record in found.iterrows():

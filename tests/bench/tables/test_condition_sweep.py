@@ -6,7 +6,7 @@ import pandas as pd
 import pytest
 
 from bench.analysis.comparison import Estimate
-from bench.analysis.condition_sweep import FAMILY, better_of, crossings
+from bench.analysis.condition_sweep import FAMILY_BY_ID, better_of, crossings
 from bench.catalogue.suites import TableSpec
 from bench.tables.condition_sweep import crossing_text, end_to_end_text
 
@@ -16,7 +16,7 @@ ENDS = ["lead", "ci_low", "ci_high"]
 
 def steps(leads, name="noise"):
     """Rows of splat-net against pc2pix, by their leads at the first steps of a family."""
-    family, leads = FAMILY[name], [Estimate(*lead) for lead in leads]
+    family, leads = FAMILY_BY_ID[name], [Estimate(*lead) for lead in leads]
     at = family.values[: len(leads)]
     cell = {"class": "chair", "family": name, "metric": "ssim"}
     sides = {"method": "splat-net", "rival": "pc2pix", "value": 0.5, "rival_value": 0.25}

@@ -6,7 +6,7 @@ import pandas as pd
 import pytest
 
 from bench.analysis.comparison import NAN
-from bench.tables.grid import BOLD, Annotation, Cell, grid, number, pivot, shown
+from bench.tables.grid import BOLD, Annotation, Cell, grid, number_cell, number_text, pivot
 from bench.tables.markdown import document
 from bench.tables.table import Table
 
@@ -30,7 +30,7 @@ def made():
         FRAME,
         "method",
         "condition",
-        lambda row: number((row["value"], 0.25, 0.75), show, count=(row["n"], 2)),
+        lambda row: number_cell((row["value"], 0.25, 0.75), show, count=(row["n"], 2)),
         columns=("2048", "512"),
         before={"class": lambda row: Cell(row["class"])},
         about=lambda rows: f"{len(rows)} rows",
@@ -56,8 +56,8 @@ def test_csv_and_rows_of_a_frame():
 def test_marks_in_both_renderers():
     behind = Annotation("behind", "*{value}{interval}*", against=True)
     cells = [
-        number((1.0, 0.5, 1.5), show, special=BOLD),
-        number((1.0, 0.5, 1.5), show, special=behind),
+        number_cell((1.0, 0.5, 1.5), show, special=BOLD),
+        number_cell((1.0, 0.5, 1.5), show, special=behind),
         Cell("x", 1.0, count=(3, 4), blank="0.1", rest=", y"),
         Cell("x", count=(0, 4), blank="-"),
     ]
@@ -74,4 +74,4 @@ def test_marks_in_both_renderers():
     [(-1e-9, 1, "0.0"), (-0.06, 1, "-0.1"), (0.0, 0, "0"), (1.25, 2, "1.25"), (math.nan, 3, "-")],
 )
 def test_numbers_for_people(value, decimals, text):
-    assert shown(value, decimals) == text
+    assert number_text(value, decimals) == text
