@@ -28,7 +28,7 @@ RESAMPLES = 2000  # resamples of a bootstrap
 SEED = 0  # of the bootstrap: the same values give the same interval
 RESAMPLED_AT_ONCE = 2**16  # values of the resamples that are in memory at a time, some 1 MB
 
-NO_INTERVAL = float("nan"), float("nan")  # in place of (low, high)
+NO_INTERVAL = float("nan"), float("nan")  # (low, high) where there is no interval
 
 
 def may_miss(failed: bool, objects: int) -> bool:

@@ -68,7 +68,8 @@ def orderings(run: Run, published: Published) -> pd.DataFrame:
             class_name = row["class"]
             leads.append(lead_of(verdicts.difference(*both, metric, condition, class_name)))
         values = [(sr["value"], row["value"]) for sr, row in zip(surface, ours, strict=True)]
-        # The mean is corrected for as many criteria as a single class.
+        # The mean over classes is one criterion by each metric at each condition. It is corrected
+        # for these: the metrics of the headline together, each other metric alone.
         corrected_for = conditions * (len(run.headline) if metric in run.headline else 1)
         mean, mean_lead = _mean_over_classes(surface, ours, leads, SIGNIFICANCE / corrected_for)
         classes = [*(row["class"] for row in ours), AVERAGE]

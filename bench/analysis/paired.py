@@ -151,7 +151,7 @@ def _difference_row(a: Row, b: Row, change_to_b: QualityChange, tested: int) -> 
     alpha = SIGNIFICANCE / max(tested, 1)
     difference = change_to_b.estimate(alpha)
     lead = difference
-    if not higher_is_better(a["metric"]):  # subtracted from 0: with a minus 0 would become -0
+    if not higher_is_better(a["metric"]):  # 0 - x, as -x makes -0 of a difference of 0
         lead = Estimate(0.0 - lead.value, 0.0 - lead.high, 0.0 - lead.low)
     ahead = who_is_ahead(lead)
     by_object = b["samples"] - a["samples"]

@@ -73,7 +73,7 @@ def letters(best_first: Sequence[str], differ: AbstractSet[frozenset[str]]) -> d
 
 
 def _separated(groups: set[frozenset[str]], pair: frozenset[str]) -> set[frozenset[str]]:
-    """Return the groups, those that have both methods of a pair split into one without each."""
+    """Split each group that has both methods of a pair into two, which lack one of them each."""
     result = set[frozenset[str]]()
     for group in groups:
         if pair <= group:

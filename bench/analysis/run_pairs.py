@@ -264,7 +264,7 @@ def _metrics(scored: Sequence[Run], wanted: Sequence[str] | None, remarks: list[
     suite = scored[0].suite
     further = [metric for metric in wanted or () if declared_metric(metric)]
     every = [*suite.image_metrics, *suite.detail_metrics, *suite.set_metrics, *further]
-    every.sort(key=lambda metric: metric not in suite.headline)  # stable: the headline first
+    every.sort(key=lambda metric: metric not in suite.headline)  # a stable sort: the headline first
     metrics = every
     for run in scored:
         metrics = run.measured(metrics)

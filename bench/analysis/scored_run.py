@@ -252,7 +252,10 @@ class Run:
 
     @property
     def headline(self) -> list[str]:
-        """Return the headline's metrics of images that the run has: by these methods are judged."""
+        """Return the metrics of images that decide which method is better, as far as it has them.
+
+        They are those of the suite's headline.
+        """
         return self.measured([metric for metric in self.suite.headline if is_mean(metric)])
 
     def measured(self, metrics: Sequence[str]) -> list[str]:

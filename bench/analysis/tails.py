@@ -19,7 +19,7 @@ from bench.records.frames import read_scores, scored_metrics
 from bench.records.record import JOB
 from data_prep.failures import BadInput
 
-INVENTED = ("invented-holes", "invented-parts")  # metrics on request, without which are no tails
+INVENTED = ("invented-holes", "invented-parts")  # of `bench score`: the table needs one
 WORST = "worst-1-percent"  # statistic: the mean of the metric over the worst 1 % of the images
 SHARE = "images-percent"  # statistic: the share of the images with a value above 0, in per cent
 # statistic     WORST or SHARE, which suits the metric, and `value`, its value

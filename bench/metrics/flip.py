@@ -33,7 +33,7 @@ def flip_module(
     find_distribution: Callable[[str], Distribution] = distribution,
     load: Callable[[str], ModuleType] = import_module,
 ) -> ModuleType:
-    """Return the module of the package.
+    """Import the package and return its module.
 
     Raises WeightsUnavailable, with the remedy, where the package is absent, has another version or
     cannot be imported.

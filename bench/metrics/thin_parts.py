@@ -29,7 +29,7 @@ from bench.metrics.silhouette import Masks, Pairs, foreground, large_groups
 
 _LEAST_GROUP = 8  # thin pixels that have to be connected: the shortest stub, 2 x 4 px
 _EVALUATED_WITHIN = 2  # px: the silhouette so near to a thin pixel is evaluated
-_PRECISION_WITHIN = 4  # px: what is drawn so near to an evaluated pixel counts for the precision
+_PRECISION_WITHIN = 4  # px: the precision is of what is drawn so near to an evaluated pixel
 # The disc of diameter 4: the square of 4 px around it without its corners.
 _DISC = np.array([[0, 1, 1, 0], [1, 1, 1, 1], [1, 1, 1, 1], [0, 1, 1, 0]], np.bool_)
 

@@ -24,7 +24,7 @@ _COMMANDS = {  # the LaTeX of a character
     "&": r"\&",
     "#": r"\#",
     "$": r"\$",
-    "[": "{[}",  # brackets and stars would be options where they follow \\
+    "[": "{[}",  # after a line break LaTeX would take brackets and stars as options
     "*": "{*}",
     "{": r"\{",
     "}": r"\}",

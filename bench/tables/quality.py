@@ -234,7 +234,7 @@ def further_tables(run: Run) -> list[Table]:
 def annotated(
     rows: pd.DataFrame, manifest: Mapping[str, Any], published: Published
 ) -> pd.DataFrame:
-    """Return the rows with the paper's values, and with what networks were trained on and with."""
+    """Return the rows with the paper's values, and with what networks were trained on."""
     objectives: Mapping[str, str] = manifest.get("objectives", {})
     methods = rows["method"].tolist()
     keys = zip(rows["class"], rows["metric"], rows["condition"], methods, strict=True)
