@@ -159,7 +159,7 @@ def _difference_row(a: Row, b: Row, change_to_b: QualityChange, tested: int) -> 
     # Where no object moved, nothing has to be decided. Objects may also move with a mean of 0.
     moved = difference.value != 0 or bool(known.any())
     too_few = ahead == "unknown" and math.isfinite(difference.value) and moved
-    row = {name: a[name] for name in CRITERION}
+    row: Row = {name: a[name] for name in CRITERION}
     for name in _SIDE_COLUMNS:
         row |= {f"{name}_a": a.get(name, ""), f"{name}_b": b.get(name, "")}
     row |= zip(("difference", *VALUE[1:]), difference, strict=True)

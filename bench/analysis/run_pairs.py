@@ -250,7 +250,8 @@ def _chosen_rows(run: Run, metrics: Sequence[str]) -> dict[str, dict[MetricAtCon
 
     A row that has no method by one of the metrics under one of the conditions is left out.
     """
-    chosen_by = list(product(dict.fromkeys(metrics), run.manifest["conditions"]))
+    conditions = run.manifest["conditions"]
+    chosen_by = [(metric, at) for metric, at in product(dict.fromkeys(metrics), conditions)]
     rows = {name: row.best(chosen_by, run.manifest["methods"]) for name, row in CHOSEN.items()}
     return {name: best for name, best in rows.items() if len(best) == len(chosen_by)}
 
