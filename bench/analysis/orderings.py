@@ -65,8 +65,8 @@ def orderings(run: Run, published: Published) -> pd.DataFrame:
         surface, ours = (by_class[by_class["method"] == m].to_dict("records") for m in both)
         leads = []
         for row in ours:
-            class_name = row["class"]
-            leads.append(lead_of(verdicts.difference(*both, metric, condition, class_name)))
+            at = (row["metric"], row["condition"], row["class"])
+            leads.append(lead_of(verdicts.difference(*both, *at)))
         values = [(sr["value"], row["value"]) for sr, row in zip(surface, ours, strict=True)]
         # The mean over classes is one criterion by each metric at each condition. It is corrected
         # for these: the metrics of the headline together, each other metric alone.
