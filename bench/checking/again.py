@@ -1,8 +1,9 @@
-"""The check of a finished run by its own jobs: a random share of them is computed again.
+"""The check that a finished run can be repeated: a random share of its jobs is computed again.
 
-In the environment of the run images, features and scores have to be equal. In another one the means
-over the views of each object may differ by the tolerances of golden values. Tables, report and
-`records.parquet` are not read: they are made of the same store. The folder is only read.
+In the environment of the run, the images, features and scores have to be equal to those in the
+run's store. In another environment, only the mean of each score over the views of an object is
+compared, and it may differ by the tolerances of golden values. Tables, report and `records.parquet`
+are not compared, because they are made from the same store. Nothing is written into the folder.
 """
 
 from __future__ import annotations
@@ -44,9 +45,13 @@ from data_prep.randomness import generator
 
 @dataclass(frozen=True)
 class _AgainResult:
-    """A line for each job that differs, and how many jobs were computed again, of how many.
+    """What computing jobs again has shown.
 
-    Lines are about true images, too; they are no jobs of a method, and do not count as such.
+    differing         a line for each job whose results differ, and for each object whose true
+                      images do
+    computed          the number of jobs that were computed again; true images do not count
+    total             the number of jobs of the run, without those of true images
+    same_environment  whether this is the environment of the run
     """
 
     differing: tuple[str, ...]
@@ -62,16 +67,18 @@ def check_again(
     probe: Callable[[], Mapping[str, str]] = environment,
     start: Callable[[int], Executor] | None = None,
 ) -> _AgainResult:
-    """Compute a share of the jobs of a finished run again, drawn by a seed, and compare results.
+    """Compute a random share of the jobs of a finished run again, and compare the results.
 
-    The true images of their objects are computed, too. A line on stderr names libraries, methods
-    and metrics that are others than in the run. `probe` is as for
-    `Protocol.from_options`; `start` gives an executor for a number of jobs (default:
-    worker processes as of a run).
+    The true images of the objects of these jobs are computed again, too. Lines on stderr name the
+    libraries, methods and metrics whose versions are not those of the run.
 
-    Raises BadInput for a share that is not over 0 and at most 1, for a folder without a finished
-    run of jobs, for records that are unreadable, and where a method, a condition or an object of
-    the run is no longer there.
+    share  the share of the jobs, over 0 and at most 1
+    seed   the seed by which the jobs are drawn
+    probe  returns the environment, as for `Protocol.from_options`
+    start  returns an executor for a number of jobs; by default the worker processes of a run
+
+    Raises BadInput for another share, for a folder without a finished run that consists of jobs,
+    for unreadable records, and where a method, condition or object of the run no longer exists.
     """
     if not 0 < share <= 1:
         raise BadInput(f"--again {share:g}: must be over 0 and at most 1")
@@ -79,8 +86,9 @@ def check_again(
     protocol = _protocol_again(directory, manifest)
     planned = plan(protocol)
     same_environment = _name_changes(manifest, replace(protocol, environment=probe()))
-    workers, limits = 1 if protocol.suite.timed else cores(), protocol.suite.limits
-    chosen = draw_jobs(planned, share, seed)
+    workers = 1 if protocol.suite.timed else cores()
+    limits = protocol.suite.limits
+    drawn = draw_jobs(planned, share, seed)
     log(f"jobs drawn by --seed {seed}")
     lines: list[str] = []
     with (
@@ -88,19 +96,23 @@ def check_again(
         TemporaryDirectory(prefix="bench-again-") as scratch,
         open_store(Path(scratch), write=True) as store,
     ):
-        _compute(chosen, store, start or partial(JobPool, workers=workers, limits=limits))
-        for obj, jobs in chosen:
+        _compute(drawn, store, start or partial(JobPool, workers=workers, limits=limits))
+        for obj, jobs in drawn:
             keys = {row.name: row.key for row in stored.listed(*obj.truth.name.object)}
             for job in (obj.truth, *jobs):
                 key = keys.get(job.name, "")
                 lines += _compare(job, stored, key, store, same_environment)
-    computed = sum(len(jobs) for _, jobs in chosen)
-    total = (planned.jobs_per_object - 1) * len(planned)
-    return _AgainResult(tuple(lines), computed, total, same_environment)
+    method_jobs = planned.jobs_per_object - 1  # without the job that draws the true images
+    return _AgainResult(
+        differing=tuple(lines),
+        computed=sum(len(jobs) for _, jobs in drawn),
+        total=method_jobs * len(planned),
+        same_environment=same_environment,
+    )
 
 
 def _protocol_again(directory: Path, manifest: Mapping[str, Any]) -> Protocol:
-    """Return the protocol of a run, with the extractors of features that it has."""
+    """Return the protocol of a run, with the extractors whose features the run has stored."""
     if manifest["suite"] in [suite.id for suite in PROCEDURES]:
         raise BadInput(
             f"{directory}: a run of {manifest['suite']} has no jobs that could be computed again; "
@@ -114,7 +126,8 @@ def _protocol_again(directory: Path, manifest: Mapping[str, Any]) -> Protocol:
             f"{len(names)} objects are not); bring the dataset back as it was"
         )
     weights = manifest.get("request", {}).get("inception_weights")
-    weights = None if weights == DOWNLOAD else weights  # only a run fetches
+    if weights == DOWNLOAD:  # `bench run` downloads weights; here they have to be there already
+        weights = None
     features, identity, skipped = extractors_of(
         manifest["feature_identity"], weights, protocol.device
     )
@@ -124,16 +137,19 @@ def _protocol_again(directory: Path, manifest: Mapping[str, Any]) -> Protocol:
 
 
 def _name_changes(manifest: Mapping[str, Any], protocol: Protocol) -> bool:
-    """Name what is another than in the run, and return whether the environment is the same."""
-    for name, here in {**protocol.identities, **protocol.feature_identity}.items():
-        if here != {**manifest["identities"], **manifest["feature_identity"]}.get(name):
+    """Log what has changed since the run, and return whether the environment is the same."""
+    identities_then = {**manifest["identities"], **manifest["feature_identity"]}
+    identities_now = {**protocol.identities, **protocol.feature_identity}
+    for name, identity in identities_now.items():
+        if identity != identities_then.get(name):
             log(f"{name}: of another version or with other weights than in the run")
     of_run = environment_of(manifest)
     here = environment_of(
         {"environment": protocol.environment, "device": protocol.device, **machine_info()}
     )
     if here != of_run:
-        others = "; ".join(f"{n} {here[n]} ({of_run[n]})" for n in here if here[n] != of_run[n])
+        changed = [name for name in here if here[name] != of_run[name]]
+        others = "; ".join(f"{name} {here[name]} ({of_run[name]})" for name in changed)
         log(f"another environment than that of the run, wider tolerances: {others}")
     if mixture := told_mixture(manifest):
         log(mixture)
@@ -141,48 +157,60 @@ def _name_changes(manifest: Mapping[str, Any], protocol: Protocol) -> bool:
 
 
 def draw_jobs(planned: Plan, share: float, seed: int) -> list[tuple[ObjectJobs, list[Job]]]:
-    """Return a random share of a plan's jobs by object, at least one; ground truths are not drawn.
+    """Return a random share of a plan's jobs, at least one, together with their objects.
 
-    Every job is as probable as any other.
+    All jobs are equally probable. Those that draw true images are not among them.
     """
-    cells = planned.jobs_per_object - 1
-    total = cells * len(planned)
-    drawn = generator("again", seed).choice(total, max(1, round(share * total)), replace=False)
-    cells_of: dict[int, list[int]] = {}
-    for number in sorted(map(int, drawn)):
-        cells_of.setdefault(number // cells, []).append(1 + number % cells)
-    objects = ((planned[place], chosen) for place, chosen in cells_of.items())
-    return [(obj, [obj.jobs[cell] for cell in chosen]) for obj, chosen in objects]
+    # Job 0 of each object draws its true images; the others are numbered object by object.
+    method_jobs = planned.jobs_per_object - 1
+    total = method_jobs * len(planned)
+    count = max(1, round(share * total))
+    numbers = generator("again", seed).choice(total, count, replace=False)
+    jobs_of: dict[int, list[int]] = {}
+    for number in sorted(map(int, numbers)):
+        object_number, job_number = divmod(number, method_jobs)
+        jobs_of.setdefault(object_number, []).append(1 + job_number)
+    drawn = []
+    for object_number, job_numbers in jobs_of.items():
+        obj = planned[object_number]
+        drawn.append((obj, [obj.jobs[job_number] for job_number in job_numbers]))
+    return drawn
 
 
 def _compute(
-    chosen: Sequence[tuple[ObjectJobs, list[Job]]],
+    drawn: Sequence[tuple[ObjectJobs, list[Job]]],
     store: Store,
     start: Callable[[int], Executor],
 ) -> None:
-    """Compute the chosen jobs into an open store, the ground truths of their objects first."""
-    truths = run_jobs([obj.truth for obj, _ in chosen], store, "true images", start)
+    """Compute jobs, after the true images of their objects, and put the results into a store."""
+    truths = run_jobs([obj.truth for obj, _ in drawn], store, "true images", start)
     ready: list[Job] = []
-    for obj, jobs in chosen:
+    for obj, jobs in drawn:
         truth = truths[obj.truth.key]
         if truth.has_images:
             ready += jobs
             continue
-        for job in jobs:  # as in a run: there is nothing to score against
+        for job in jobs:  # a run does the same: without true images there are no scores
             store.append(failed(job, truth.reason))
     run_jobs(ready, store, "jobs", start)
 
 
 def _compare(job: Job, stored: Store, key: str, store: Store, same_environment: bool) -> list[str]:
-    """Return a line where the results of a job in the run, under a key, are not those here."""
+    """Return a line with the differences between two results of a job; no line without any.
+
+    stored, key  the store of the run, and the key of the job there
+    store        the store into which the job was computed again
+    """
     at = f" at {job.condition}" if job.condition else ""
     title = f"{job.method}{at} of {'/'.join(job.name.object)}"
     if (was := stored.find([key]).get(key)) is None:
         return [f"{title}: not in the store of the run"]
     now = store.find([job.key])[job.key]
     if (was.has_images, was.reason) != (now.has_images, now.reason):
-        told = ["images" if r.has_images else f"failed ({r.reason})" for r in (was, now)]
-        return [f"{title}: {told[0]} in the run, {told[1]} here"]
+        before, here = (
+            "images" if result.has_images else f"failed ({result.reason})" for result in (was, now)
+        )
+        return [f"{title}: {before} in the run, {here} here"]
     if not was.has_images:
         return []
     names = [IMAGES, *(name for name, _ in job.features)]
@@ -190,39 +218,47 @@ def _compare(job: Job, stored: Store, key: str, store: Store, same_environment: 
         in_run = _numbers(stored, key, names)
     except (BadInput, KeyError) as error:
         return [f"{title}: {error.args[0]}"]
-    here = _numbers(store, job.key, names)
-    find = _inequality if same_environment else partial(_beyond_tolerance, job.method)
-    differences = [text for name in here if (text := find(name, in_run[name], here[name]))]
+    differences = []
+    for name, numbers in _numbers(store, job.key, names).items():
+        if same_environment:
+            difference = _inequality(name, in_run[name], numbers)
+        else:
+            difference = _beyond_tolerance(job.method, name, in_run[name], numbers)
+        if difference:
+            differences.append(difference)
     return [f"{title}: {'; '.join(differences)}"] if differences else []
 
 
 def _numbers(store: Store, key: str, names: Sequence[str]) -> dict[str, Floats]:
-    """Return the images, features and scores of a job by name; NaN where there is no score."""
+    """Return the images, features and scores of a job by their names; a missing score is NaN."""
     numbers = {name: unpack(store.array(key, name)).astype(np.float64) for name in names}
     scores = store.result(key).of_views
     return numbers | {metric: scores[column(metric)] for metric in OBJECT_RENDERING}
 
 
 def _inequality(name: str, stored: Floats, here: Floats) -> str:
-    """Return by how much numbers [views, ...] of a job differ; empty where they are equal."""
+    """Return in words by how much two arrays [views, ...] differ; "" where they are equal."""
     if stored.shape != here.shape:
         return f"{name} {[*stored.shape]} in the run, {[*here.shape]} here"
-    other = (stored != here) & ~(np.isnan(stored) & np.isnan(here))
-    if not other.any():
+    differs = (stored != here) & ~(np.isnan(stored) & np.isnan(here))
+    if not differs.any():
         return ""
-    views = int(other.reshape(len(other), -1).any(axis=1).sum())
-    most = np.nan_to_num(np.abs(stored - here)[other], nan=np.inf).max()
+    views = int(differs.reshape(len(differs), -1).any(axis=1).sum())
+    most = np.nan_to_num(np.abs(stored - here)[differs], nan=np.inf).max()
     unit = " levels of 255" if name == IMAGES else ""
-    return f"{name} of {views} of {len(other)} views differ by up to {most:.3g}{unit}"
+    return f"{name} of {views} of {len(differs)} views differ by up to {most:.3g}{unit}"
 
 
 def _beyond_tolerance(method: str, name: str, stored: Floats, here: Floats) -> str:
-    """Return how a mean over views differs that another environment does not move so far."""
+    """Return in words how far the mean of a score over views [views] has moved beyond tolerance.
+
+    "" where it has not, and for numbers without a tolerance, such as features.
+    """
     if name not in OBJECT_RENDERING or method == GROUND_TRUTH:
         return ""
     was, now = (values[~np.isnan(values)] for values in (stored, here))
     if not was.size and not now.size:
         return ""
-    by = abs(was.mean() - now.mean()) if was.size and now.size else np.inf
+    move = abs(was.mean() - now.mean()) if was.size and now.size else np.inf
     allowed = object_tolerance(method, name, same_environment=False)
-    return "" if by <= allowed else f"{name} differs by {by:.3g}, allowed {allowed:g}"
+    return "" if move <= allowed else f"{name} differs by {move:.3g}, allowed {allowed:g}"

@@ -1,4 +1,4 @@
-"""The checklist of the paper's claims: from runs to verdicts, as `claims.md`."""
+"""The checklist of the paper's claims, `claims.md`: it tests each claim on finished runs."""
 
 from __future__ import annotations
 
@@ -44,37 +44,40 @@ from data_prep.failures import BadInput, unknown
 from data_prep.files.atomic_write import write_whole
 from learning.weights import card_of
 
-_CHECKLIST = "claims.md"
-# Networks of the paper's width that have no weights of their own.
+_CHECKLIST = "claims.md"  # the name of the file in a run's folder
+# The widths of networks whose weights are made when they are loaded, so that no file of weights
+# tells their width; the unit is the width of the paper's network.
 _PAPER_WIDTHS = {"pc2pix@paper": 1.0}
-SUITES = (CHAIRS, CLASSES, SPEED, LATENT)
+SUITES = (CHAIRS, CLASSES, SPEED, LATENT)  # the suites whose runs can test a claim
 
 
 class _RunEvidence(NamedTuple):
-    """A run as evidence, with its suite and its name for people."""
+    """What a run can prove about claims."""
 
-    name: str
+    name: str  # the name that people see: the suite and the dataset
     suite: str
     evidence: Evidence
 
 
 @dataclass(frozen=True)
 class ClaimResult:
-    """The finding of a run about a claim."""
+    """The finding about a claim on one run, with the corrected verdict."""
 
     claim: Claim
-    run: str  # its name; empty where no run of the claim's suite was given
+    run: str  # the name of the run; empty where no run of the claim's suite was given
     finding: ClaimFinding
-    # After Holm's correction for the claims of its family about the same method and run.
+    # The verdict after Holm's correction for the number of claims of the claim's family that were
+    # tested for the same method on the same run.
     verdict: Verdict = "not testable here"
 
 
 def check_claims(directories: Sequence[Path], subjects: Sequence[str] = ()) -> list[ClaimResult]:
-    """Return the results of finished runs about the claims, in the order of the table.
+    """Test every claim on the finished runs in these folders, in the order of the claims.
 
-    `subjects` are methods in place of the variants of pc2pix. Raises BadInput for a folder without
-    a finished run, for a suite that no claim is about, for runs that do not fit together, and where
-    they can test no claim.
+    subjects  the methods for which claims about pc2pix are tested; by default its variants
+
+    Raises BadInput for a folder without a finished run, for a run of a suite that no claim is
+    about, for runs that do not fit together, and where the runs can test no claim.
     """
     with threadpool_limits(1):
         manifests = {directory: read_finished(directory) for directory in directories}
@@ -92,26 +95,32 @@ def check_claims(directories: Sequence[Path], subjects: Sequence[str] = ()) -> l
 
 
 def _refuse_absent(subjects: Sequence[str], manifests: Mapping[Path, Mapping[str, Any]]) -> None:
-    """Raise BadInput for a method that no run has."""
-    of_runs = dict.fromkeys(m for run in manifests.values() for m in run.get("methods", ()))
-    for method in subjects:
-        if method not in of_runs:
-            raise unknown(method, [*of_runs], "method", see="bench table DIR")
+    """Raise BadInput for a subject that is a method of none of the runs."""
+    methods: dict[str, None] = {}
+    for manifest in manifests.values():
+        methods |= dict.fromkeys(manifest.get("methods", ()))
+    for subject in subjects:
+        if subject not in methods:
+            raise unknown(subject, [*methods], "method", see="bench table DIR")
 
 
 def _refuse_misfits(manifests: Mapping[Path, Mapping[str, Any]]) -> None:
-    """Raise BadInput for runs whose values cannot stand in one table."""
+    """Raise BadInput for runs whose values cannot stand in one table.
+
+    All runs have to have the same dataset, seed and features; those of a suite the same objects.
+    """
+    # The first run that has a property, by the property and the suite within which it has to agree.
     first: dict[tuple[str, str], tuple[Path, object]] = {}
     for directory, manifest in manifests.items():
-        suite = str(manifest["suite"])
-        features = manifest.get("feature_identity", {}).items()
-        for what, of_suite, value in (
-            ("dataset", "", manifest.get("dataset")),
-            ("seed", "", manifest.get("seed")),
-            ("objects", suite, manifest.get("objects")),
-            *((f"features of {name}", "", identity) for name, identity in features),
-        ):
-            other, known = first.setdefault((what, of_suite), (directory, value))
+        properties = {
+            ("dataset", ""): manifest.get("dataset"),
+            ("seed", ""): manifest.get("seed"),
+            ("objects", str(manifest["suite"])): manifest.get("objects"),
+        }
+        for name, identity in manifest.get("feature_identity", {}).items():
+            properties[f"features of {name}", ""] = identity
+        for (what, suite), value in properties.items():
+            other, known = first.setdefault((what, suite), (directory, value))
             if known != value:
                 shown = f": {known} and {value}" if what != "objects" else ""
                 raise BadInput(
@@ -121,9 +130,9 @@ def _refuse_misfits(manifests: Mapping[Path, Mapping[str, Any]]) -> None:
 
 
 def judge(table: Sequence[Claim], runs: Sequence[_RunEvidence]) -> list[ClaimResult]:
-    """Return the results of every claim and run of its suite, with corrected verdicts.
+    """Test each claim on every run of its suite, and return the results with corrected verdicts.
 
-    A claim without such a run has one result, which names the remedy.
+    A claim without a run of its suite has one result, whose reason says which run to give.
     """
     results = []
     for claim in table:
@@ -142,20 +151,23 @@ def judge(table: Sequence[Claim], runs: Sequence[_RunEvidence]) -> list[ClaimRes
 
 
 def _corrected(results: Sequence[ClaimResult]) -> list[ClaimResult]:
-    """Return results corrected for the claims of each family about one method of one run."""
+    """Return results with verdicts corrected for the number of claims that are tested together.
+
+    These are the claims of a family, for one method of one run.
+    """
     families: dict[tuple[str, str, str], list[int]] = {}
-    for i, result in enumerate(results):
+    for number, result in enumerate(results):
         key = result.claim.family, result.run, result.finding.subject
-        families.setdefault(key, []).append(i)
+        families.setdefault(key, []).append(number)
     verdicts: dict[int, Verdict] = {}
-    for places in families.values():
-        family = corrected([results[i].finding for i in places])
-        verdicts |= dict(zip(places, family, strict=True))
-    return [replace(result, verdict=verdicts[i]) for i, result in enumerate(results)]
+    for numbers in families.values():
+        family = corrected([results[number].finding for number in numbers])
+        verdicts |= dict(zip(numbers, family, strict=True))
+    return [replace(result, verdict=verdicts[number]) for number, result in enumerate(results)]
 
 
 def to_markdown(results: Sequence[ClaimResult]) -> str:
-    """Return the checklist: counts, then a row for each claim, run and method."""
+    """Return the checklist as Markdown: counts of verdicts, then a row for each result."""
     return markdown.document(
         [
             "# The paper's claims",
@@ -174,7 +186,7 @@ def to_markdown(results: Sequence[ClaimResult]) -> str:
 
 
 def _claims(results: Sequence[ClaimResult]) -> Grid:
-    """Return a row for each result, with the words of the claim in its first row only."""
+    """Return a grid with a row for each result; a claim is quoted in its first row only."""
     several = len({result.run for result in results if result.run}) > 1
     lines = []
     for before, result in zip([None, *results], results, strict=False):
@@ -194,7 +206,7 @@ def _claims(results: Sequence[ClaimResult]) -> Grid:
                 str(finding.objects or "-"),
                 finding.numbers,
                 f"“{claim.quoted}” ({claim.where})" if first else "",
-                claim.measured if first else "",
+                claim.criterion if first else "",
             ]
         )
     heads = ["claim", "verdict", "method", "objects", "ours", "the paper", "measured"]
@@ -211,9 +223,10 @@ def write_checklist(results: Sequence[ClaimResult], directory: Path) -> Path:
 def read_evidence(
     directory: Path, manifest: Mapping[str, Any] | None = None, subjects: Sequence[str] = ()
 ) -> _RunEvidence:
-    """Return a finished run as evidence.
+    """Return what a finished run can prove about claims.
 
-    Raises BadInput for a run that is not finished, is damaged, or is of another suite.
+    Raises BadInput for a run that is not finished or is damaged, and for a run of a suite that no
+    claim is about.
     """
     manifest = dict(manifest or read_finished(directory))
     suite = manifest["suite"]
@@ -244,23 +257,34 @@ def _quality_evidence(
             "are about images in colours; give a run without --truth"
         )
     wanted = (*scored.suite.image_metrics, *scored.suite.class_metrics, *DISTANCES, *RECOGNISABLE)
-    metrics = [m for m in dict.fromkeys(wanted) if m in scored.features or scored.has(m)]
-    known = [m for m in manifest["methods"] if family_of(m) == NETWORK or m in subjects]
-    compared = scored.compared(metrics, [SURFACE, "true-mesh", *FLOORS, *known])
+    metrics = [
+        metric
+        for metric in dict.fromkeys(wanted)
+        if metric in scored.features or scored.has(metric)
+    ]
+    networks = [
+        method
+        for method in manifest["methods"]
+        if family_of(method) == NETWORK or method in subjects
+    ]
+    compared = scored.compared(metrics, [SURFACE, "true-mesh", *FLOORS, *networks])
     if compared.empty:
         raise BadInput(f"{directory}: no object of this run could be drawn; fix the dataset")
     judged = scored.features.get(JUDGE)
     return QualityEvidence(
-        compared,
-        {} if judged is None else _retrieval_of_chairs(scored.image_sets, judged),
-        _trainings(known),
-        tuple(subjects),
-        seed_spreads(),
+        compared=compared,
+        retrieval={} if judged is None else _retrieval_of_chairs(scored.image_sets, judged),
+        trainings=_trainings(networks),
+        subjects=tuple(subjects),
+        seeds=seed_spreads(),
     )
 
 
 def _trainings(methods: Iterable[str]) -> dict[str, Training]:
-    """Return the trainings of networks; a method without a file of weights has none."""
+    """Return what is known about the trainings of methods, by method.
+
+    A method without a file of weights is left out, and so is one whose file does not tell.
+    """
     trainings = {}
     for name in methods:
         method = known_method(str(name))
@@ -276,37 +300,44 @@ def _trainings(methods: Iterable[str]) -> dict[str, Training]:
     return trainings
 
 
-def _retrieval_of_chairs(cells: Iterable[ImageSet], judged: Features) -> dict[tuple[str, str], Any]:
-    """Return the share of each chair's images by which the judge finds it, [G].
+def _retrieval_of_chairs(
+    groups: Iterable[ImageSet], judged: Features
+) -> dict[tuple[str, str], Any]:
+    """Return in which share of each chair's images the judge finds that chair, float64 [G].
 
-    It is by method and condition; empty without chairs, and where the gallery is too small.
+    The result is by method and condition, with the G chairs sorted by name. It is empty without
+    chairs, and where there are too few true images to find a chair by.
+
+    groups  triples of method, condition and class
+    judged  the judge's answers to the images of the run
     """
-    of_chairs = [cell for cell in cells if cell[2] == CHAIR]
+    of_chairs = [group for group in groups if group[2] == CHAIR]
     if not of_chairs:
         return {}
     gallery = true_gallery(judged, CHAIR)
     if why_no_retrieval(gallery):
         return {}
-    by_cell = {}
-    for cell in of_chairs:
-        images = judged.images(*cell)
-        hits = pd.Series(found(gallery, judged.of(*cell, images), images))
+    retrieval = {}
+    for method, condition, class_name in of_chairs:
+        images = judged.images(method, condition, class_name)
+        answers = judged.of(method, condition, class_name, images)
+        hits = pd.Series(found(gallery, answers, images))
         shares = hits.groupby([obj for obj, _ in images]).mean()
-        # An object without images is not found.
-        per_object = shares.reindex(sorted(gallery.objects), fill_value=0.0).to_numpy()
-        by_cell[cell[0], cell[1]] = per_object
-    return by_cell
+        # An object without images counts as never found.
+        shares = shares.reindex(sorted(gallery.objects), fill_value=0.0)
+        retrieval[method, condition] = shares.to_numpy()
+    return retrieval
 
 
 def _counts(results: Sequence[ClaimResult]) -> Grid:
-    """Return the number of claims of each verdict, a line for each method of each run."""
-    subjects: dict[tuple[str, str], list[Verdict]] = {}
+    """Return a grid with the number of claims of each verdict, a row for each method of a run."""
+    verdicts_of: dict[tuple[str, str], list[Verdict]] = {}
     for result in results:
-        subjects.setdefault((result.finding.subject, result.run), []).append(result.verdict)
-    lines = (
-        [subject, run, *(str(verdicts.count(verdict)) for verdict in VERDICTS)]
-        for (subject, run), verdicts in subjects.items()
-    )
+        verdicts_of.setdefault((result.finding.subject, result.run), []).append(result.verdict)
+    lines = []
+    for (subject, run), verdicts in verdicts_of.items():
+        counts = [str(verdicts.count(verdict)) for verdict in VERDICTS]
+        lines.append([subject, run, *counts])
     return grid(["method", "run", *VERDICTS], lines)
 
 

@@ -1,7 +1,7 @@
 """The claims of the paper (Atienza 2019), each with the suite and the rule that can test it.
 
-The claims of the paper's text are the lines of `claims.csv`; those of its Tables 3 to 5 are made
-from the values in `results/paper`.
+The claims of the paper's text are the lines of `claims.csv`. The claims of its Tables 3 to 5, one
+for each pair of values, are made here from the values in `results/paper`.
 """
 
 from __future__ import annotations
@@ -21,10 +21,11 @@ from bench.checking.claim_rules import ClaimFinding
 from bench.tables.published import published_rows
 
 CHAIRS, CLASSES, SPEED, LATENT = "chair-robustness", "thirteen-classes", "speed", "latent"
-FEWER = ("1024", "512")
-NOISY = ("noise-0.05", "noise-0.10")
+FEWER = ("1024", "512")  # the conditions with fewer points
+NOISY = ("noise-0.05", "noise-0.10")  # the conditions with noise
 AHEAD = {"surface": "SR is ahead", "network": "pc2pix is ahead", "equal": "they are equal"}
-_CONCLUSIONS = "rifle-is-no-difference"  # the first of them; the tables stand before
+# The id of the first claim of the paper's conclusions. The claims of the tables stand before it.
+_CONCLUSIONS = "rifle-is-no-difference"
 
 _Rule = Callable[[Any], list[ClaimFinding]]
 
@@ -35,15 +36,18 @@ class Claim:
 
     id: str  # kebab-case, unique
     quoted: str  # the paper's words, shortened
-    where: str  # section, table or figure
-    suite: str  # its runs test the claim; empty where no suite does
-    measured: str  # what tests it, and when it counts as supported
-    why_not: str = ""  # why no suite tests it
-    rule: _Rule | None = None  # from the evidence of such a run to findings
+    where: str  # the section, table or figure of the paper that has the claim
+    suite: str  # the suite whose runs test the claim; empty where no suite does
+    criterion: str  # what is measured, and when the claim counts as supported
+    why_not: str = ""  # the reason why no suite tests the claim
+    rule: _Rule | None = None  # the function that tests the claim: from evidence to findings
 
     @property
     def family(self) -> str:
-        """Return the name of the claims corrected together: those of a table, or of the text."""
+        """Return the family: "text", or the table of the paper that the claim is in.
+
+        Verdicts are corrected for the number of claims of a family.
+        """
         return self.where.partition(",")[0] if self.id.startswith("table-") else "text"
 
 
@@ -82,16 +86,24 @@ def claims() -> tuple[Claim, ...]:
     Raises BadInput where the published values are missing.
     """
     rows = pd.read_csv(Path(__file__).with_suffix(".csv"), dtype=str, keep_default_na=False)
-    of_text = []
+    text_claims = []
     for row in rows.to_dict("records"):
         fields = {str(name): text.format(share=f"{rules.SHARE:.0%}") for name, text in row.items()}
-        of_text.append(Claim(**fields, rule=RULES.get(fields["id"])))
-    first = [claim.id for claim in of_text].index(_CONCLUSIONS)
-    return (*of_text[:first], *_printed(CHAIRS), *_printed(CLASSES), *of_text[first:])
+        text_claims.append(Claim(**fields, rule=RULES.get(fields["id"])))
+    first = [claim.id for claim in text_claims].index(_CONCLUSIONS)
+    return (
+        *text_claims[:first],
+        *_table_claims(CHAIRS),
+        *_table_claims(CLASSES),
+        *text_claims[first:],
+    )
 
 
-def _printed(suite: str) -> Iterator[Claim]:
-    """Yield a claim for each pair SR and PC2PIX that Tables 3 to 5 print: which is ahead."""
+def _table_claims(suite: str) -> Iterator[Claim]:
+    """Yield the claims of the paper's tables that a suite tests: Tables 3 and 4, or Table 5.
+
+    Such a claim says which of two printed values is better, that of SR or that of PC2PIX.
+    """
     rows = published_rows(suite)
     for keys, pair in rows.groupby(["table", "class", "metric", "condition"], sort=False):
         table, class_name, metric, condition = map(str, keys)
@@ -107,13 +119,14 @@ def _printed(suite: str) -> Iterator[Claim]:
         else:
             place, subject = class_name, ""
             rule = partial(_of_classes, class_name=class_name, ahead=ahead)
-        column = f"{metric}-{place}" if table == "3" else place  # Table 3 alone has several metrics
+        # Only Table 3 has several metrics.
+        column = f"{metric}-{place}" if table == "3" else place
         within = f", within {rules.EQUAL}" if ahead == "equal" else ""
         yield Claim(
             id=f"table-{table}-{column}".replace(".", ""),
             quoted=f"{label} of SR and PC2PIX: {surface}, {network}",
             where=f"Table {table}, {place}",
             suite=suite,
-            measured=f"{AHEAD[ahead]} by {label}{subject}{within}",
+            criterion=f"{AHEAD[ahead]} by {label}{subject}{within}",
             rule=rule,
         )

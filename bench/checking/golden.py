@@ -1,8 +1,9 @@
 """The comparison of a run with our golden values, and remarks on the paper's values.
 
-Golden values are those of one run of the default protocol; each has a tolerance and the reason for
-it. Values of the whole run are compared with a whole run, values of objects
-(`bench.checking.objects`) with any part of one.
+Golden values are the values of one run of the default protocol. Each has a tolerance, and the
+reason for that tolerance. There are golden values of the whole run (means and distances), which
+only a run with all objects is compared with, and golden values of single objects
+(`bench.checking.objects`), which a run with some of the objects is compared with, too.
 """
 
 from __future__ import annotations
@@ -19,7 +20,7 @@ from bench.analysis.scored_run import Run, read_run
 from bench.catalogue.methods import role
 from bench.catalogue.suites import STABILITY
 from bench.checking.objects import (
-    GoldenCell,
+    GoldenComparison,
     GoldenDeviation,
     GoldenObjects,
     Widths,
@@ -41,23 +42,25 @@ from bench.tables.table import TABLES, Table, table_files
 from data_prep.failures import BadInput
 from data_prep.files.atomic_write import write_whole
 
-CELL = ["method", "condition", "class", "metric"]
+VALUE_KEY = ["method", "condition", "class", "metric"]  # the columns that identify a value
+# The entries of a manifest in which a run and its golden values have to agree.
 PROTOCOL = ["protocol", "dataset", "objects", "views", "seed"]
 
 
 @dataclass(frozen=True)
 class CheckResult:
-    """The result of a check.
+    """The result of comparing a run with golden values.
 
-    cells             what was compared
-    others            a line for each table that is stale, and for each unexpected outcome
-    remarks           lines that are no criterion
-    moved             the values of objects that moved
+    comparisons       the values that were compared, grouped by method, condition and metric
+    others            a line for each file of a table that its records do not give, and for each
+                      unexpected outcome of the suite `stability`
+    remarks           lines that people should read, which do not decide about success
+    moved             the values of objects that are beyond their tolerances
     headline_metrics  the metrics of the suite's headline table
-    outcomes          number of outcomes compared
+    outcomes          the number of outcomes of the suite `stability` that were compared
     """
 
-    cells: tuple[GoldenCell, ...]
+    comparisons: tuple[GoldenComparison, ...]
     others: tuple[str, ...]
     remarks: tuple[str, ...]
     moved: tuple[GoldenDeviation, ...] = ()
@@ -66,38 +69,53 @@ class CheckResult:
 
     @property
     def compared(self) -> int:
-        """Return the number of values."""
-        return self.outcomes + sum(cell.compared for cell in self.cells)
+        """Return the number of values and outcomes that were compared."""
+        return self.outcomes + sum(comparison.compared for comparison in self.comparisons)
 
     @property
     def headline(self) -> int:
-        """Return the number of values of the headline metrics."""
-        return sum(c.compared for c in self.cells if c.metric in self.headline_metrics)
+        """Return the number of values of the headline metrics that were compared."""
+        return sum(
+            comparison.compared
+            for comparison in self.comparisons
+            if comparison.metric in self.headline_metrics
+        )
 
     @property
     def by_headline(self) -> tuple[list[str], list[str]]:
-        """Return a line for each regression of the headline metrics, and of the others."""
-        parts: tuple[list[str], list[str]] = [], [*self.others]
-        for cell in self.cells:
-            if cell.problem:
-                parts[cell.metric not in self.headline_metrics].append(str(cell))
-        return parts
+        """Return the lines of regressions of the headline metrics, and those of all others."""
+        headline: list[str] = []
+        others = [*self.others]
+        for comparison in self.comparisons:
+            if not comparison.problem:
+                continue
+            if comparison.metric in self.headline_metrics:
+                headline.append(str(comparison))
+            else:
+                others.append(str(comparison))
+        return headline, others
 
     @property
     def regressions(self) -> tuple[str, ...]:
         """Return a line for each regression."""
-        return (*self.others, *(str(cell) for cell in self.cells if cell.problem))
+        problems = [str(comparison) for comparison in self.comparisons if comparison.problem]
+        return (*self.others, *problems)
 
 
 def check(directory: Path, widths: Widths | None = None, file: Path | None = None) -> CheckResult:
-    """Compare a finished run with the golden values in a file, or with those of its suite.
+    """Compare a finished run with the golden values in a user's file, or with those of its suite.
 
-    With golden values by object, the run may have a part of the objects, methods and conditions,
-    and others, which are left out. Means and distances of the whole run are compared where the run
-    has all objects. A run of the suite `stability` is compared with its expected outcomes.
+    Where there are golden values of single objects, the run may lack some of their objects, methods
+    and conditions. It may have further ones, too, which are not compared. Means and distances are
+    compared where the run has exactly the golden objects. A run of the suite `stability` is
+    compared with its expected outcomes.
 
-    Raises BadInput where `directory` is not a finished run, where the golden values belong to
-    another protocol (dataset, objects, views or seed), and where nothing could be compared.
+    directory  the folder of the run
+    widths     the tolerances of values of objects (default: those of `object_tolerance`)
+    file       the user's file of golden values (default: those of the suite)
+
+    Raises BadInput where `directory` has no finished run, where the golden values are of another
+    protocol (dataset, objects, views or seed), and where there is nothing to compare.
     """
     if file is not None:
         return _check_file(read_run(directory), file, widths or Widths())
@@ -124,75 +142,89 @@ def _check_file(run: Run, file: Path, widths: Widths) -> CheckResult:
             f"{file}: of another protocol than {run.directory}: {', '.join(other)}; check a run "
             "with the same options, or write golden values of this one with --bless FILE"
         )
-    cells, moved, notes = compare_objects(run, golden_values, widths, means=True)
-    if not cells:
+    comparisons, moved, notes = compare_objects(run, golden_values, widths, means=True)
+    if not comparisons:
         raise BadInput(
             f"{file}: has no method, condition and object of {run.directory} in common; check a "
             f"run with methods of {', '.join(sorted(golden_values.names['methods']))}"
         )
-    absent = (
-        f"golden values of what this run has not, left out: {kind} {', '.join(sorted(lost))}"
-        for kind, known in golden_values.names.items()
-        if (lost := known - {*run.manifest[kind]})
-    )
-    remarks = (*_without_golden(run.manifest, golden_values), *absent, *notes)
-    return CheckResult(cells, (), remarks, moved, run.suite.headline)
+    remarks = _without_golden(run.manifest, golden_values)
+    for kind, known in golden_values.names.items():
+        absent = known - {*run.manifest[kind]}
+        if absent:
+            names = ", ".join(sorted(absent))
+            remarks.append(f"golden values of what this run has not, left out: {kind} {names}")
+    remarks += notes
+    return CheckResult(comparisons, (), tuple(remarks), moved, run.suite.headline)
 
 
 def _own_protocol(manifest: Mapping[str, Any]) -> dict[str, Any]:
-    """Return what golden values of a user's own and a run have to have in common.
+    """Return the properties in which a run and a user's own golden values have to agree.
 
-    A folder may lie elsewhere and hold fewer objects; where one has changed, `blank` differs.
+    Of a dataset in a folder only the kind has to agree, not the path, and the number of objects may
+    differ. Where the content of an object has changed, the values of the method `blank` differ.
     """
     common = {"suite": manifest["suite"], "truth": manifest.get(TRUTH, COLOURED)}
-    common |= _protocol(manifest) | {"dataset": str(manifest["dataset"]).partition(":")[0]}
-    return {name: value for name, value in common.items() if name != "objects"}
+    common |= _protocol(manifest)
+    common["dataset"] = str(manifest["dataset"]).partition(":")[0]
+    del common["objects"]
+    return common
 
 
 def _check_values(run: Run, widths: Widths) -> CheckResult:
+    """Compare a run with the golden values of its suite, and its tables with its records."""
     own_tables = tables(run)
-    written = [*own_tables, *filter(None, (class_orderings(run), condition_sweep(run)))]
-    cells: tuple[GoldenCell, ...] = ()
+    further = [class_orderings(run), condition_sweep(run)]
+    written = [*own_tables, *(table for table in further if table is not None)]
+    comparisons: tuple[GoldenComparison, ...] = ()
     moved: tuple[GoldenDeviation, ...] = ()
     remarks: list[str] = []
     name = golden_name(run.manifest)
     expected, objects = golden(name), read_objects(name)
     whole = _is_whole(run, expected, objects)
     if whole:
-        cells = _compare_means(own_tables, run.manifest, expected)
+        comparisons = _compare_means(own_tables, run.manifest, expected)
     else:
         remarks.append("not all golden objects: means and distances of the run are not compared")
     if objects is not None:
         by_object, moved, notes = compare_objects(run, objects, widths, means=not whole)
-        cells += by_object
+        comparisons += by_object
         remarks += [*_without_golden(run.manifest, objects), *notes]
     stale = tuple(_stale_tables(run.directory, written))
-    return CheckResult(cells, stale, tuple(remarks), moved, run.suite.headline)
+    return CheckResult(comparisons, stale, tuple(remarks), moved, run.suite.headline)
 
 
 def _compare_means(
     own_tables: Sequence[Table], manifest: dict[str, Any], expected: pd.DataFrame
-) -> tuple[GoldenCell, ...]:
-    """Return a cell for each golden value that the run has."""
-    values = {_cell(row): row["value"] for row in _rows(own_tables)}
-    cells = []
+) -> tuple[GoldenComparison, ...]:
+    """Compare each golden value of a method and condition that the run has."""
+    values = {_value_key(row): row["value"] for row in _rows(own_tables)}
+    comparisons = []
     methods, conditions = set(manifest["methods"]), set(manifest["conditions"])
     for row in expected.to_dict("records"):
         if row["method"] not in methods or row["condition"] not in conditions:
             continue
-        value = values.get((row["method"], row["condition"], row["class"], row["metric"]), math.nan)
+        value = values.get(_value_key(row), math.nan)
         problem = ""
         if not abs(value - row["value"]) <= row["tolerance"]:  # also for NaN
             problem = (
                 f"{number(value)}, golden {row['value']:.6f} +- {row['tolerance']:.6f} "
                 f"({row['reason']})"
             )
-        cells.append(GoldenCell(row["method"], row["condition"], row["metric"], 1, problem))
-    return tuple(cells)
+        comparisons.append(
+            GoldenComparison(
+                method=row["method"],
+                condition=row["condition"],
+                metric=row["metric"],
+                compared=1,
+                problem=problem,
+            )
+        )
+    return tuple(comparisons)
 
 
 def _without_golden(manifest: dict[str, Any], golden_objects: GoldenObjects) -> list[str]:
-    """Return a line for each kind of name in a run that has no golden values by object."""
+    """Return lines that name the methods, conditions and objects without golden values."""
     lines = []
     for kind, known in golden_objects.names.items():
         if unknown := [name for name in manifest[kind] if name not in known]:
@@ -201,11 +233,14 @@ def _without_golden(manifest: dict[str, Any], golden_objects: GoldenObjects) -> 
 
 
 def bless(directory: Path, target: Path | None = None) -> list[Path]:
-    """Write a run's values as golden ones to a file, or as its suite's, and return the files.
+    """Write the values of a run as golden values, and return the files that were written.
 
-    The folder of the golden values of all suites is the target for these (see CONTRIBUTING).
-    Raises BadInput for another folder, for a run without scores or images, and of a suite where
-    this is not the whole default run; CannotWrite where a file cannot be written.
+    target  a user's own file, for golden values of single objects; or None or the folder of golden
+            values of this project (see CONTRIBUTING), to replace those of the run's suite
+
+    Raises BadInput for any other folder, for a run without scores or images, and where the golden
+    values of a suite are to be replaced by those of a run that is not its whole default run.
+    Raises CannotWrite where a file cannot be written.
     """
     manifest = read_finished(directory)
     run = read_run(directory)
@@ -218,32 +253,35 @@ def bless(directory: Path, target: Path | None = None) -> list[Path]:
     _refuse_other_protocol(run)
     protocol = _protocol(manifest)
     lines = golden_lines(_rows(tables(run)), protocol)
-    # Of 260 objects of thirteen classes, the thumbnails alone would be 2 MB.
+    # A suite of several classes gets no values of single objects: for the 260 objects of thirteen
+    # classes, the thumbnails alone would take 2 MB.
     by_object = write_objects(run, protocol) if len(run.suite.classes) == 1 else []
     write_whole(path, pd.DataFrame(lines).to_csv(index=False, lineterminator="\n").encode())
     return [path, *by_object]
 
 
 def golden_lines(rows: Iterable[dict[str, Any]], protocol: dict[str, Any]) -> list[dict[str, Any]]:
-    """Return the lines of a file of golden values, one for each cell.
+    """Return the lines of a file of golden values, one for each value of the tables.
 
-    Metrics without a tolerance have no line: the default protocol has no weights for fid.
+    A metric without a tolerance has no line: such are fid and kid, whose weights the default
+    protocol does not have. A chosen row (`bench.catalogue.chosen`) has none either, for its values
+    are those of other methods.
     """
     lines = []
-    by_cell = {_cell(row): row for row in rows}  # a metric may stand in two tables
-    for cell, row in by_cell.items():
+    row_of = {_value_key(row): row for row in rows}  # once, though two tables may show a value
+    for key, row in row_of.items():
         rule = tolerance(row["method"], row["metric"])
-        if role(row["method"]) == "chosen":  # the value of another method
-            continue
-        if not math.isfinite(row["value"]) or rule is None:
+        if rule is None or role(row["method"]) == "chosen" or not math.isfinite(row["value"]):
             continue
         allowed = rule.absolute + rule.relative * abs(row["value"])
-        lines.append(
-            protocol
-            | dict(zip(CELL, cell, strict=True))
-            | {"value": f"{row['value']:.6f}", "tolerance": f"{allowed:.6f}"}
-            | {"reason": rule.reason}
-        )
+        line = {
+            **protocol,
+            **dict(zip(VALUE_KEY, key, strict=True)),
+            "value": f"{row['value']:.6f}",
+            "tolerance": f"{allowed:.6f}",
+            "reason": rule.reason,
+        }
+        lines.append(line)
     return lines
 
 
@@ -257,10 +295,13 @@ def _refuse_other_protocol(run: Run) -> None:
         "seed": 0,
     }
     other = _differing({name: _protocol(manifest)[name] for name in wanted}, wanted, "default")
-    for kind, names in (("methods", suite.methods), ("conditions", suite.conditions)):
-        for word, some, others in (("no", names, manifest[kind]), ("also", manifest[kind], names)):
-            if only := [name for name in some if name not in others]:
-                other.append(f"{word} {kind} {', '.join(only)}")
+    for kind, default in (("methods", suite.methods), ("conditions", suite.conditions)):
+        missing = [name for name in default if name not in manifest[kind]]
+        added = [name for name in manifest[kind] if name not in default]
+        if missing:
+            other.append(f"no {kind} {', '.join(missing)}")
+        if added:
+            other.append(f"also {kind} {', '.join(added)}")
     if other:
         raise BadInput(
             f"{run.directory}: golden values are of the whole default run, this one has "
@@ -269,8 +310,12 @@ def _refuse_other_protocol(run: Run) -> None:
 
 
 def _command(manifest: Mapping[str, Any]) -> str:
+    """Return the command of the default run of a run's suite, with the run's true images."""
+    command = f"bench run --suite {manifest['suite']}"
     truth = manifest.get(TRUTH, COLOURED)
-    return f"bench run --suite {manifest['suite']}" + f" --truth {truth}" * (truth != COLOURED)
+    if truth != COLOURED:
+        command += f" --truth {truth}"
+    return command
 
 
 def _protocol(manifest: Mapping[str, Any]) -> dict[str, Any]:
@@ -278,20 +323,25 @@ def _protocol(manifest: Mapping[str, Any]) -> dict[str, Any]:
 
 
 def _differing(have: Mapping[str, Any], want: Mapping[str, Any], of: str = "golden") -> list[str]:
-    """Return the parts of a protocol that are others than they should, in words."""
-    return [f"{n} {have[n]} ({of}: {want.get(n)})" for n in have if have[n] != want.get(n)]
+    """Return in words the entries of a protocol that differ from those wanted.
+
+    of  what the wanted values are called, as in "views 3 (golden: 20)"
+    """
+    differing = [name for name in have if have[name] != want.get(name)]
+    return [f"{name} {have[name]} ({of}: {want.get(name)})" for name in differing]
 
 
 def _is_whole(run: Run, expected: pd.DataFrame, objects: GoldenObjects | None) -> bool:
-    """Return whether a run has all golden objects and no others: its means can be compared then.
+    """Return whether a run has exactly the golden objects, so that its means can be compared.
 
-    Raises BadInput where it has another protocol. Without golden values by object, that includes
-    another number of objects; with them, one golden object is enough.
+    Raises BadInput where the run is of another protocol. Where there are no golden values of single
+    objects, another number of objects is another protocol, too; where there are some, the run needs
+    at least one of their objects.
     """
     have = _protocol(run.manifest)
     want = {name: expected[name].iloc[0] for name in PROTOCOL}
     other = _differing(have, want)
-    whole = True  # else it is refused
+    whole = True  # without golden values of single objects, a part of a run is refused below
     if objects is not None:
         if objects.protocol != want:
             raise BadInput(
@@ -300,9 +350,9 @@ def _is_whole(run: Run, expected: pd.DataFrame, objects: GoldenObjects | None) -
                 "'bench check DIR --bless results/golden'"
             )
         other = _differing(have | {"objects": want["objects"]}, want)
-        measured, named = set(run.manifest["objects"]), objects.names["objects"]
-        whole = measured == named
-        if measured.isdisjoint(named):
+        in_run, golden_objects = set(run.manifest["objects"]), objects.names["objects"]
+        whole = in_run == golden_objects
+        if in_run.isdisjoint(golden_objects):
             other.append("none of its objects is golden")
     if other:
         raise BadInput(
@@ -313,7 +363,7 @@ def _is_whole(run: Run, expected: pd.DataFrame, objects: GoldenObjects | None) -
 
 
 def _stale_tables(directory: Path, written: Sequence[Table]) -> list[str]:
-    """Return a line for each file of a table that differs from the table of the records."""
+    """Return a line for each file of a table that is missing or not what the records give."""
     stale = []
     for name, text in table_files(written).items():
         path = directory / TABLES / name
@@ -328,5 +378,5 @@ def _rows(own_tables: Iterable[Table]) -> list[dict[str, Any]]:
     return [row for table in own_tables for row in row_mappings(table.frame)]
 
 
-def _cell(row: Mapping[str, Any]) -> tuple[Any, ...]:
-    return tuple(row[name] for name in CELL)
+def _value_key(row: Mapping[Any, Any]) -> tuple[Any, ...]:
+    return tuple(row[name] for name in VALUE_KEY)

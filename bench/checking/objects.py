@@ -1,18 +1,19 @@
-"""Golden values by object, with which any complete part of a run is compared.
+"""Golden values of single objects, with which a run of some of the objects can be compared, too.
 
-They lie beside the golden means of a suite:
+They stand in three files beside the golden means of a suite:
 
-    SUITE-objects.csv  for each method, condition and object the means of the image metrics over its
-                       views, and the checksum of its images
-    SUITE-objects.png  the first view of each line, as a thumbnail, in the order of the lines;
-                       for people, as checksums compare the images themselves
-    SUITE-objects.json protocol and environment of the run that they are of, and the checksums of
-                       the other two
+    SUITE-objects.csv   a line for each method, condition and object: the mean of each image metric
+                        over the views, and a checksum of the images
+    SUITE-objects.png   a sheet with a thumbnail for each line, in their order: the first view. It
+                        is there for people to look at; images are compared by the checksums
+    SUITE-objects.json  the protocol and the environment of the run that these values are from, and
+                        the checksums of the other two files
 
-A method that sees no cloud has one line for all conditions. A field is empty where there is no
-value, and no image.
+A method that does not see the cloud draws the same images at every condition, and has one line for
+all conditions. A field of a line is empty where the run has no value, and where it has no images.
 
-A file of a user's own (`write_file`) is one JSON of the same, without thumbnails, for any run.
+A user can keep golden values of any run in a file of their own (`write_file`): one JSON file with
+the same contents except the thumbnails.
 """
 
 from __future__ import annotations
@@ -33,6 +34,7 @@ from numpy.typing import NDArray
 
 from bench.analysis.scored_run import Run, in_order
 from bench.catalogue.methods import known_method
+from bench.checking.thumbnails import SIDE, read_png, thumbnail, to_png
 from bench.checking.tolerances import OBJECT_RENDERING, PRINTED, mean_tolerance, object_tolerance
 from bench.records.frames import Artifact, stored_artifacts
 from bench.records.job import JobName
@@ -42,18 +44,17 @@ from data_prep.datasets.protocol_version import refuse_other_version
 from data_prep.failures import BadInput
 from data_prep.files.atomic_write import write_whole
 from data_prep.files.safe_read import read_text
-from data_prep.scene import IMAGE_SIZE, UInt8Images
+from data_prep.scene import UInt8Images
 
-KEY = ["method", "condition", "class", "object"]
-IMAGES = "images"
-_ANY = "any"  # condition of methods that see no cloud
-_WORST = 3  # objects named for each regression
-SIDE = 64  # pixels of a thumbnail: half an image
-ACROSS = 24  # thumbnails in a row of the sheet
-_NO_IMAGE = np.full((SIDE, SIDE, 3), 255, np.uint8)
-_COLOURS = 256  # of the whole sheet: a third of the bytes that all colours take
-_FORMAT = "golden values of pc2pix-bench, 1"
-_MOST_BYTES = 2**28
+KEY = ["method", "condition", "class", "object"]  # the columns that identify a line
+# The column with the checksum of the images of a line. A comparison of these checksums has this
+# name in place of a metric.
+IMAGE_CHECKSUM = "images"
+_ANY = "any"  # stands in the column "condition" for a method that does not see the cloud
+_WORST = 3  # the number of objects that the line about a regression names
+_NO_IMAGE = np.full((SIDE, SIDE, 3), 255, np.uint8)  # the thumbnail of a line without images
+_FORMAT = "golden values of pc2pix-bench, 1"  # the entry "format" of a user's file
+_MOST_BYTES = 2**28  # the largest user's file that is read
 
 
 def _object_values(run: Run) -> pd.DataFrame:
@@ -64,31 +65,40 @@ def _object_values(run: Run) -> pd.DataFrame:
     """
     metrics = [*run.suite.image_metrics, *run.suite.detail_metrics]
     frames = []
-    for cell in run.image_sets:
-        _, planned = run.numbers(cell)
-        values = {metric: run.per_object(cell, metric) for metric in metrics}
-        keys = dict(zip(KEY, (*cell, run.objects(cell)), strict=True))
-        frames.append(pd.DataFrame(keys | values)[planned > 0])
+    for group in run.image_sets:
+        method, condition, class_name = group
+        columns: dict[str, Any] = {
+            "method": method,
+            "condition": condition,
+            "class": class_name,
+            "object": run.objects(group),
+        }
+        for metric in metrics:
+            columns[metric] = run.per_object(group, metric)
+        _, planned_images = run.numbers(group)
+        frames.append(pd.DataFrame(columns)[planned_images > 0])
     return in_order(pd.concat(frames), run.manifest, KEY).set_index(KEY)
 
 
 def stored_images(stored: Mapping[JobName, Artifact], job: JobName) -> NDArray[np.uint8] | None:
-    """Return all views of a job [V, H, W, 3]; None without images, or where they are unreadable."""
+    """Return the images of a job, uint8 [V, H, W, 3]; None without any or if unreadable."""
     return stored[job].read_images() if job in stored else None
 
 
 def checksum(images: NDArray[np.uint8] | None) -> str:
-    """Return the first 16 digits of the sha256 of the pixels of all views; empty without views."""
+    """Return the first 16 digits of the SHA-256 of the pixels of images; "" without images."""
     return "" if images is None else sha256(images.tobytes()).hexdigest()[:16]
 
 
 @dataclass(frozen=True, eq=False)
 class GoldenObjects:
-    """The golden values of a suite by object.
+    """Golden values of single objects.
 
-    protocol     its version, dataset, objects, views and seed of their run
-    environment  of their run, see `environment_of`
-    lines        as in the file; the columns KEY and IMAGES are text
+    protocol     the protocol of the run that they are from: its version, dataset, number of
+                 objects, views and seed
+    environment  the environment of that run, as `environment_of` returns it
+    lines        the lines of the file. The columns KEY and IMAGE_CHECKSUM are text, the others are
+                 metrics
     """
 
     protocol: dict[str, Any]
@@ -97,9 +107,9 @@ class GoldenObjects:
 
     @property
     def names(self) -> dict[str, set[str]]:
-        """Return the names of methods, conditions and objects, as in manifests.
+        """Return the names that have golden values, by the entry of manifests that lists them.
 
-        Conditions are those of methods that see a cloud.
+        The entries are "methods", "conditions" and "objects".
         """
         return {
             "methods": set(self.lines["method"]),
@@ -108,23 +118,27 @@ class GoldenObjects:
         }
 
     def part(self, manifest: Mapping[str, Any]) -> pd.DataFrame:
-        """Return the lines that a run should have, with its conditions in place of ANY.
+        """Return the lines for the methods, conditions and objects of a run.
 
-        The index is KEY; the column `line` is the number of the line in the file.
+        A line for all conditions is repeated for each condition of the run. The index is KEY; the
+        column `line` has the number of the line in the file.
         """
         every = self.lines.assign(line=range(len(self.lines)))
-        blind = every["condition"] == _ANY
-        spread = [every[blind].assign(condition=condition) for condition in manifest["conditions"]]
-        named = pd.concat([every[~blind], *spread])
+        for_all_conditions = every["condition"] == _ANY
+        parts = [every[~for_all_conditions]]
+        for condition in manifest["conditions"]:
+            parts.append(every[for_all_conditions].assign(condition=condition))
+        lines = pd.concat(parts)
         in_run = (
-            named["method"].isin(manifest["methods"])
-            & named["condition"].isin(manifest["conditions"])
-            & (named["class"] + "/" + named["object"]).isin(manifest["objects"])
+            lines["method"].isin(manifest["methods"])
+            & lines["condition"].isin(manifest["conditions"])
+            & (lines["class"] + "/" + lines["object"]).isin(manifest["objects"])
         )
-        return in_order(named[in_run], manifest, KEY).set_index(KEY)
+        return in_order(lines[in_run], manifest, KEY).set_index(KEY)
 
 
 def _paths(name: str) -> tuple[Path, Path, Path]:
+    """Return the paths of the CSV, PNG and JSON file of golden values of this name."""
     means = golden_path(name)
     table, png, about = (
         means.with_name(f"{name}-objects{suffix}") for suffix in (".csv", ".png", ".json")
@@ -133,9 +147,9 @@ def _paths(name: str) -> tuple[Path, Path, Path]:
 
 
 def read_objects(name: str) -> GoldenObjects | None:
-    """Return the golden values of this name by object; None where there are none.
+    """Return the golden values of single objects of this name; None where there are none.
 
-    Raises BadInput where a file is missing, or was not written with the others.
+    Raises BadInput where one of the files is missing, or was not written together with the others.
     """
     table, png, about = _paths(name)
     if not any(path.is_file() for path in (table, png, about)):
@@ -159,16 +173,20 @@ def read_objects(name: str) -> GoldenObjects | None:
 
 
 def _read_lines(table: str) -> pd.DataFrame:
-    """Return lines of golden values. Raises ValueError where they are not those of a whole run."""
-    text = dict.fromkeys([*KEY, IMAGES], str)
+    """Return the lines of a CSV of golden values.
+
+    Raises ValueError where the text is no such CSV, and where lines of the run are missing.
+    """
+    text = dict.fromkeys([*KEY, IMAGE_CHECKSUM], str)
     lines = pd.read_csv(io.StringIO(table), dtype=text, keep_default_na=False, na_values=[""])
     metrics = [*lines.columns[len(KEY) : -1]]
-    # Of lines with more fields than names, pandas makes the first ones the index; fewer it fills.
+    # Where a line has more fields than there are columns, pandas makes its first fields the index;
+    # where it has fewer, pandas fills it up. Both are refused here.
     fields = {len(row) for row in csv.reader(io.StringIO(table), strict=True) if row}
     is_table = isinstance(lines.index, pd.RangeIndex) and len(fields) == 1
-    if not is_table or not metrics or [*lines.columns] != [*KEY, *metrics, IMAGES]:
+    if not is_table or not metrics or [*lines.columns] != [*KEY, *metrics, IMAGE_CHECKSUM]:
         raise ValueError("other columns")
-    lines = lines.astype(dict.fromkeys(metrics, float)).fillna({IMAGES: ""})
+    lines = lines.astype(dict.fromkeys(metrics, float)).fillna({IMAGE_CHECKSUM: ""})
     if lines[KEY].isna().any(axis=None) or np.isinf(lines[metrics]).any(axis=None):
         raise ValueError("a line without a name, or with an infinite value")
     _refuse_incomplete(lines)
@@ -176,9 +194,10 @@ def _read_lines(table: str) -> pd.DataFrame:
 
 
 def _refuse_incomplete(lines: pd.DataFrame) -> None:
-    """Raise ValueError where a method has not one line for each condition and object.
+    """Raise ValueError where a method does not have one line for each condition and object.
 
-    A finished run has all of them. A method that sees no cloud has ANY as its only condition.
+    The lines of a finished run are complete. A method that does not see the cloud has the single
+    condition _ANY.
     """
     if (twice := lines.duplicated(KEY)).any():
         raise ValueError(f"two lines of {' '.join(lines.loc[twice, KEY].iloc[0])}")
@@ -193,22 +212,25 @@ def _refuse_incomplete(lines: pd.DataFrame) -> None:
 
 
 def write_file(run: Run, protocol: Mapping[str, Any], path: Path) -> None:
-    """Write the values of a run into a file of golden values, whole or not at all.
+    """Write the values of a run into a user's file of golden values, whole or not at all.
 
-    Raises BadInput where its images are gone, CannotWrite where the file cannot be written.
+    Raises BadInput where the run no longer has its images, and CannotWrite where the file cannot be
+    written.
     """
     table, _ = _object_lines(run)
     fields = {"format": _FORMAT, "protocol": dict(protocol)}
-    lines = table.removesuffix("\n").split("\n")  # names may have other separators of lines
+    # Not `splitlines`, for a name may contain other characters that separate lines.
+    lines = table.removesuffix("\n").split("\n")
     fields |= {"environment": environment_of(run.manifest), "lines": lines}
     fields["sha256"] = sha256(_packed(fields)).hexdigest()
     write_whole(path, (json.dumps(fields, indent=1, ensure_ascii=False) + "\n").encode())
 
 
 def read_golden_file(path: Path) -> GoldenObjects:
-    """Return what `write_file` has written. Raises BadInput for any other file.
+    """Return the golden values that `write_file` has written.
 
-    Another file is one of another version of the protocol, too, and one with other columns.
+    Raises BadInput for any other file, for one of another version of the protocol, and for one with
+    metrics that are unknown here.
     """
     again = f"write it again with 'bench check DIR --bless {path}'"
     text = read_text(path, _MOST_BYTES)
@@ -246,18 +268,18 @@ def _packed(fields: Mapping[str, Any]) -> bytes:
 
 
 def golden_thumbnails(name: str) -> UInt8Images:
-    """Return the thumbnails [lines, SIDE, SIDE, 3], in the order of the golden values by object.
+    """Return the thumbnails [lines, SIDE, SIDE, 3] of the golden values of this name, in order.
 
-    Raises BadInput for a file that is not readable.
+    Raises BadInput for a sheet that is not readable.
     """
     _, png, _ = _paths(name)
     return read_png(png)
 
 
 def _object_lines(run: Run) -> tuple[str, list[NDArray[np.uint8]]]:
-    """Return the lines of a run's objects as CSV, and a thumbnail for each.
+    """Return the lines of golden values of a run as CSV, and a thumbnail for each line.
 
-    Raises BadInput where its images are gone.
+    Raises BadInput where the run no longer has its images.
     """
     stored = stored_artifacts(run.directory)
     first = run.manifest["conditions"][0]
@@ -277,16 +299,16 @@ def _object_lines(run: Run) -> tuple[str, list[NDArray[np.uint8]]]:
                 f"{run.directory}: images of {item.method} at {item.condition} of "
                 f"{'/'.join(item.object)} cannot be read; start the run again with its command"
             )
-        lines.append(row | {IMAGES: checksum(images)})
+        lines.append(row | {IMAGE_CHECKSUM: checksum(images)})
         thumbnails.append(_NO_IMAGE if images is None else thumbnail(images[0]))
     table = pd.DataFrame(lines).to_csv(index=False, lineterminator="\n", float_format="%.6f")
     return table, thumbnails
 
 
 def write_objects(run: Run, protocol: Mapping[str, Any]) -> list[Path]:
-    """Make the values and images of a run the golden ones of its suite, and return the files.
+    """Write the files of golden values of a run's suite from this run, and return their paths.
 
-    Raises BadInput where its images are gone.
+    Raises BadInput where the run no longer has its images.
     """
     lines, thumbnails = _object_lines(run)
     table, png, about = _paths(golden_name(run.manifest))
@@ -304,9 +326,12 @@ def write_objects(run: Run, protocol: Mapping[str, Any]) -> list[Path]:
 
 @dataclass(frozen=True, eq=False)
 class GoldenDeviation:
-    """A value of an object that is not within its tolerance; NaN means no value.
+    """A value of an object that differs from the golden one by more than its tolerance.
 
-    line  of the golden file
+    actual   the value of the run; NaN where it has none
+    golden   the golden value; NaN where there is none
+    allowed  the tolerance
+    line     the number of the line in the file of golden values
     """
 
     item: JobName
@@ -318,19 +343,19 @@ class GoldenDeviation:
 
     @property
     def excess(self) -> float:
-        """Return the move as a multiple of the allowed one; infinite where a value is missing."""
-        by = abs(self.actual - self.golden) / self.allowed
-        return by if math.isfinite(by) else math.inf
+        """Return the difference in multiples of the tolerance; infinite if a value is missing."""
+        multiple = abs(self.actual - self.golden) / self.allowed
+        return multiple if math.isfinite(multiple) else math.inf
 
 
 @dataclass(frozen=True)
-class GoldenCell:
-    """The golden values of a metric of a method at a condition, as they were compared.
+class GoldenComparison:
+    """The comparison of the golden values of one metric, for a method at a condition.
 
-    compared  number of values
-    problem   what is wrong, "" where all agree
+    Where the metric is IMAGE_CHECKSUM, images were compared, of the objects whose values agree.
 
-    The metric IMAGES is no value: it stands for the images of the objects whose values agree.
+    compared  the number of values that were compared
+    problem   what differs; "" where all agree
     """
 
     method: str
@@ -345,113 +370,165 @@ class GoldenCell:
 
 @dataclass(frozen=True)
 class Widths:
-    """The widths within which values of objects may move: by default `object_tolerance`.
+    """The tolerances of values of objects. By default they are those of `object_tolerance`.
 
-    by_metric  others, of a user
-    strict     in another environment as in the same one
+    by_metric  a user's own tolerances for some metrics
+    strict     whether those of the same environment hold in another environment, too
     """
 
     by_metric: Mapping[str, float] = field(default_factory=dict)
     strict: bool = False
 
     def of(self, method: str, metric: str, same: bool) -> float:
-        """Return how far a value may move, in the `same` environment as the golden ones or not."""
+        """Return the tolerance of a value.
+
+        same  whether the run and the golden values are of the same environment
+        """
         wide = self.by_metric.get(metric, object_tolerance(method, metric, same or self.strict))
         return max(wide, PRINTED)
 
     def of_mean(self, method: str, metric: str, objects: int, same: bool) -> float:
-        """Return how far the mean of so many values may move: no farther than each of them."""
+        """Return the tolerance of the mean over so many objects, at most that of one value."""
         each = self.of(method, metric, same)
         if metric in self.by_metric:
             return each
         return max(min(each, mean_tolerance(method, metric, objects)), PRINTED)
 
     def in_words(self, methods: Sequence[str], metrics: Sequence[str]) -> str:
-        """Return the tolerances of another environment."""
+        """Return the tolerances of another environment in words, for these methods and metrics."""
         methods_by_text: dict[str, list[str]] = {}
         for method in methods:
-            text = ", ".join(f"{m} {self.of(method, m, False):g}" for m in metrics)
-            methods_by_text.setdefault(text, []).append(method)
-        return "; ".join(f"{text} of {', '.join(ms)}" for text, ms in methods_by_text.items())
+            tolerances = [f"{metric} {self.of(method, metric, False):g}" for metric in metrics]
+            methods_by_text.setdefault(", ".join(tolerances), []).append(method)
+        return "; ".join(f"{text} of {', '.join(alike)}" for text, alike in methods_by_text.items())
 
 
 def compare_objects(
     run: Run, golden: GoldenObjects, widths: Widths, *, means: bool
-) -> tuple[tuple[GoldenCell, ...], tuple[GoldenDeviation, ...], tuple[str, ...]]:
-    """Compare the values of a run, or of a part of one, with the golden ones, and their `means`.
+) -> tuple[tuple[GoldenComparison, ...], tuple[GoldenDeviation, ...], tuple[str, ...]]:
+    """Compare the values of objects of a run with golden ones.
 
-    Returns each metric of a method at a condition, with a problem that names the largest moves, and
-    its images where they have to be equal, too; every value that moved; and remarks: whether the
-    golden values come from the same environment, and how many of them the run does not have.
+    means  whether means over objects are compared, too
+
+    Returns a comparison for each method, condition and metric, with a problem that names the
+    largest differences; every value that is beyond its tolerance; and remarks, which say whether
+    both environments are the same, and how many golden values the run does not have. Where images
+    have to be equal, there are comparisons of them, too.
     """
     expected = golden.part(run.manifest)
-    metrics = [name for name in golden.lines.columns if name not in (*KEY, IMAGES)]
+    metrics = [name for name in golden.lines.columns if name not in (*KEY, IMAGE_CHECKSUM)]
     actual = _object_values(run).reindex(index=expected.index, columns=metrics)
     here = environment_of(run.manifest)
     same = is_same(here, golden.environment)
     stored = stored_artifacts(run.directory)
-    cells: list[GoldenCell] = []
+    comparisons: list[GoldenComparison] = []
     moved: list[GoldenDeviation] = []
     redrawn: list[str] = []
-    for cell, wanted in expected.groupby(KEY[:2], sort=False):
-        method, condition = map(str, cell)
-        measured = actual.loc[wanted.index]
+    for key, wanted in expected.groupby(KEY[:2], sort=False):
+        method, condition = map(str, key)
+        values = actual.loc[wanted.index]
         for metric in metrics:
-            allowed = widths.of(method, metric, same)
-            values = zip(
-                wanted.index, measured[metric], wanted[metric], wanted["line"], strict=True
-            )
-            beyond = [
-                GoldenDeviation(JobName(*key), metric, now, was, allowed, line)
-                for key, now, was, line in values
-                if not (abs(now - was) <= allowed or (math.isnan(now) and math.isnan(was)))
-            ]
-            beyond.sort(key=lambda deviation: -deviation.excess)
-            moves, problem = (measured[metric] - wanted[metric]).dropna(), ""
-            most = widths.of_mean(method, metric, len(moves), same)
+            beyond = _deviations(metric, values, wanted, widths.of(method, metric, same))
             if beyond:
                 problem = (
-                    f"{len(beyond)} of {len(wanted)} objects moved by more than {allowed:.6f}: "
-                    f"{_worst(beyond, stored, wanted[IMAGES])}"
+                    f"{len(beyond)} of {len(wanted)} objects moved by more than "
+                    f"{beyond[0].allowed:.6f}: {_worst(beyond, stored, wanted[IMAGE_CHECKSUM])}"
                 )
-            elif means and abs(moves.mean()) > most:
-                problem = (
-                    f"the mean of {len(moves)} objects moved by {moves.mean():+.6f}, more than "
-                    f"{most:.6f}, though none of them by more than {allowed:.6f}"
-                )
-            cells.append(GoldenCell(method, condition, metric, len(wanted), problem))
+            elif means:
+                moves = (values[metric] - wanted[metric]).dropna()
+                problem = _moved_mean(method, metric, moves, widths, same)
+            else:
+                problem = ""
+            comparisons.append(GoldenComparison(method, condition, metric, len(wanted), problem))
             moved += beyond
         if same or widths.strict:
             alike = wanted.index.difference([deviation.item for deviation in moved], sort=False)
-            other = _other_images(stored, wanted[IMAGES][alike])
-            problem = (
-                f"{len(other)} of {len(wanted)} objects have other images than the golden ones, "
-                f"though their values agree: {_named(other)}"
-            )
-            if other and widths.by_metric:
+            other = _other_images(stored, wanted[IMAGE_CHECKSUM][alike])
+            problem = ""
+            if other:
+                problem = (
+                    f"{len(other)} of {len(wanted)} objects have other images than the golden "
+                    f"ones, though their values agree: {_named(other)}"
+                )
+            if other and widths.by_metric:  # a user who sets tolerances expects other images
                 redrawn.append(f"images of {method} at {condition}: {problem}")
-            problem = problem if other and not widths.by_metric else ""
-            cells.append(GoldenCell(method, condition, IMAGES, 0, problem))
-    headline = [metric for metric in run.suite.headline if metric in metrics]
-    wide = widths.in_words(list(dict.fromkeys(expected.reset_index()["method"])), headline)
-    but = f"; but {', '.join(widths.by_metric)} as --tolerance says" * bool(widths.by_metric)
-    remark = _remark(here, golden.environment, wide, widths.strict) + but
-    if mixture := told_mixture(run.manifest):
-        remark = f"{remark}; {mixture}"
+                problem = ""
+            comparisons.append(GoldenComparison(method, condition, IMAGE_CHECKSUM, 0, problem))
+    remarks = redrawn
     used, lines = expected["line"].nunique(), len(golden.lines)
-    fewer = f"{used} of {lines} lines of the golden values are compared: this run has no others"
-    return tuple(cells), tuple(moved), (*redrawn, *([fewer] if used < lines else []), remark)
+    if used < lines:
+        remarks.append(
+            f"{used} of {lines} lines of the golden values are compared: this run has no others"
+        )
+    headline = [metric for metric in run.suite.headline if metric in metrics]
+    methods = list(dict.fromkeys(expected.reset_index()["method"]))
+    wide = widths.in_words(methods, headline)
+    remark = _remark(here, golden.environment, wide, widths.strict)
+    if widths.by_metric:
+        remark += f"; but {', '.join(widths.by_metric)} as --tolerance says"
+    if mixture := told_mixture(run.manifest):
+        remark += f"; {mixture}"
+    remarks.append(remark)
+    return tuple(comparisons), tuple(moved), tuple(remarks)
+
+
+def _deviations(
+    metric: str, values: pd.DataFrame, wanted: pd.DataFrame, allowed: float
+) -> list[GoldenDeviation]:
+    """Return the values of a metric that are beyond a tolerance, the farthest first.
+
+    Both frames have the index KEY and the same lines. A value that only one of them has is beyond
+    any tolerance.
+    """
+    beyond = []
+    columns = zip(wanted.index, values[metric], wanted[metric], wanted["line"], strict=True)
+    for key, value, golden, line in columns:
+        both_missing = math.isnan(value) and math.isnan(golden)
+        if both_missing or abs(value - golden) <= allowed:
+            continue
+        beyond.append(
+            GoldenDeviation(
+                item=JobName(*key),
+                metric=metric,
+                actual=value,
+                golden=golden,
+                allowed=allowed,
+                line=line,
+            )
+        )
+    return sorted(beyond, key=lambda deviation: -deviation.excess)
+
+
+def _moved_mean(method: str, metric: str, moves: pd.Series, widths: Widths, same: bool) -> str:
+    """Return in words how far a mean over objects has moved; "" where that is within tolerance.
+
+    moves  the differences of the objects' values from the golden ones
+    """
+    most = widths.of_mean(method, metric, len(moves), same)
+    if not abs(moves.mean()) > most:  # also where there are no values, whose mean is NaN
+        return ""
+    return (
+        f"the mean of {len(moves)} objects moved by {moves.mean():+.6f}, more than {most:.6f}, "
+        f"though none of them by more than {widths.of(method, metric, same):.6f}"
+    )
 
 
 def _other_images(stored: Mapping[JobName, Artifact], checksums: pd.Series) -> list[JobName]:
-    """Return the jobs whose images have not these checksums, which the index names."""
+    """Return the jobs whose images do not have the given checksums.
+
+    checksums  the golden checksums, with the index KEY
+    """
     keys: Any = checksums.index
-    named = ((JobName(*key), was) for key, was in zip(keys, checksums, strict=True))
-    return [job for job, was in named if checksum(stored_images(stored, job)) != was]
+    other = []
+    for key, golden in zip(keys, checksums, strict=True):
+        job = JobName(*key)
+        if checksum(stored_images(stored, job)) != golden:
+            other.append(job)
+    return other
 
 
 def _named(jobs: Sequence[JobName]) -> str:
-    """Return the objects of the first jobs."""
+    """Return the names of the objects of the first jobs, and "..." where there are more."""
     named = ["/".join(job.object) for job in jobs[:_WORST]]
     if len(jobs) > _WORST:
         named.append("...")
@@ -461,16 +538,18 @@ def _named(jobs: Sequence[JobName]) -> str:
 def _worst(
     beyond: Sequence[GoldenDeviation], stored: Mapping[JobName, Artifact], checksums: pd.Series
 ) -> str:
-    """Return the largest moves in words, and whether the images are the golden ones."""
+    """Return the first deviations in words, with a mark where the images are the golden ones."""
     worst = []
     for deviation in beyond[:_WORST]:
+        obj = "/".join(deviation.item.object)
+        text = f"{obj} {number(deviation.actual)}, golden {number(deviation.golden)}"
         now = checksum(stored_images(stored, deviation.item))
-        same_images = now != "" and now == checksums[deviation.item]
-        worst.append(
-            f"{'/'.join(deviation.item.object)} {number(deviation.actual)}, golden "
-            f"{number(deviation.golden)}" + " (same images)" * same_images
-        )
-    return "; ".join(worst) + "; ..." * (len(beyond) > _WORST)
+        if now != "" and now == checksums[deviation.item]:
+            text += " (same images)"
+        worst.append(text)
+    if len(beyond) > _WORST:
+        worst.append("...")
+    return "; ".join(worst)
 
 
 def _remark(here: Mapping[str, str], golden: Mapping[str, str], wide: str, strict: bool) -> str:
@@ -496,49 +575,5 @@ def _remark(here: Mapping[str, str], golden: Mapping[str, str], wide: str, stric
 
 
 def number(value: float) -> str:
-    """Return a value in digits for people, "nothing" where it is not finite."""
-    return f"{value:.6f}" if math.isfinite(value) else "nothing"
-
-
-def thumbnail(image: NDArray[np.uint8]) -> NDArray[np.uint8]:
-    """Return an image [IMAGE_SIZE, IMAGE_SIZE, 3] as [SIDE, SIDE, 3].
-
-    Pixels are means of blocks, rounded half up.
-    """
-    block = IMAGE_SIZE // SIDE
-    blocks = image.reshape(SIDE, block, SIDE, block, 3).astype(np.float64)
-    return np.floor(blocks.mean(axis=(1, 3)) + 0.5).astype(np.uint8)
-
-
-def to_png(thumbnails: Sequence[NDArray[np.uint8]]) -> bytes:
-    """Return a sheet of thumbnails in their order, ACROSS in a row; the last row ends in white."""
-    from PIL import Image
-
-    rows = -(-len(thumbnails) // ACROSS)
-    tiles = np.full((rows * ACROSS, SIDE, SIDE, 3), 255, np.uint8)
-    tiles[: len(thumbnails)] = thumbnails
-    grid = tiles.reshape(rows, ACROSS, SIDE, SIDE, 3).swapaxes(1, 2)
-    sheet = Image.fromarray(grid.reshape(rows * SIDE, ACROSS * SIDE, 3))
-    buffer = io.BytesIO()
-    sheet.quantize(_COLOURS).save(buffer, "PNG", optimize=True)
-    return buffer.getvalue()
-
-
-def read_png(path: Path) -> UInt8Images:
-    """Return the thumbnails [N, SIDE, SIDE, 3] of a sheet, up to the end of its last row.
-
-    Raises BadInput for a file that is no sheet.
-    """
-    from PIL import Image
-
-    try:
-        with Image.open(path, formats=("PNG",)) as image:
-            sheet = np.asarray(image.convert("RGB"))
-    except OSError as error:
-        raise BadInput(f"{path}: not a readable PNG ({error}); restore it with git") from error
-    rows, width = len(sheet) // SIDE, ACROSS * SIDE
-    if sheet.shape != (rows * SIDE, width, 3):
-        raise BadInput(
-            f"{path}: no sheet of thumbnails, which is {width} pixels wide; restore it with git"
-        )
-    return sheet.reshape(rows, SIDE, ACROSS, SIDE, 3).swapaxes(1, 2).reshape(-1, SIDE, SIDE, 3)
+    """Return a value with six decimals, or "no value" where it is not finite."""
+    return f"{value:.6f}" if math.isfinite(value) else "no value"

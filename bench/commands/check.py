@@ -187,7 +187,7 @@ def _as_json(directory: Path, verdict: CheckResult) -> str:
         "compared": verdict.compared,
         "regressions": [
             {"method": c.method, "condition": c.condition, "metric": c.metric, "problem": c.problem}
-            for c in verdict.cells
+            for c in verdict.comparisons
             if c.problem
         ],
         "others": verdict.others,
@@ -212,18 +212,19 @@ def _as_junit(directory: Path, verdict: CheckResult) -> str:
     Characters that XML cannot hold are escaped in all names and lines.
     """
     suite = ElementTree.Element("testsuite", name=visible(f"bench check {directory}"))
-    for cell in verdict.cells:
-        names = {"classname": cell.method, "name": f"{cell.metric} at {cell.condition}"}
+    for compared in verdict.comparisons:
+        name = f"{compared.metric} at {compared.condition}"
+        names = {"classname": compared.method, "name": name}
         names = {key: visible(name) for key, name in names.items()}
         case = ElementTree.SubElement(suite, "testcase", names)
-        if cell.problem:
-            ElementTree.SubElement(case, "failure", message=visible(str(cell)))
+        if compared.problem:
+            ElementTree.SubElement(case, "failure", message=visible(str(compared)))
     for line in verdict.others:
         case = ElementTree.SubElement(suite, "testcase", classname="tables", name=visible(line))
         ElementTree.SubElement(case, "failure", message=visible(line))
     remarks = "\n".join(map(visible, verdict.remarks))
     ElementTree.SubElement(suite, "system-out").text = remarks
-    suite.set("tests", str(len(verdict.cells) + len(verdict.others)))
+    suite.set("tests", str(len(verdict.comparisons) + len(verdict.others)))
     suite.set("failures", str(len(verdict.regressions)))
     ElementTree.indent(suite)
     return ElementTree.tostring(suite, encoding="unicode", xml_declaration=True)
@@ -241,8 +242,9 @@ def _write_deviations(directory: Path, moved: Sequence[GoldenDeviation], ours: b
     Only golden values that are `ours` have thumbnails. An image is of the first view; the metric is
     the one that moved most. Without any object an old file is removed. Raises CannotWrite.
     """
-    from bench.checking.objects import SIDE, golden_thumbnails, stored_images
+    from bench.checking.objects import golden_thumbnails, stored_images
     from bench.checking.objects import number as rounded
+    from bench.checking.thumbnails import SIDE
     from bench.draw.files import write_images
     from bench.draw.finish import Tile, draw_sheet
     from bench.records.frames import stored_artifacts

@@ -58,7 +58,7 @@ def test_claims_made_of_published_values(claim_id, where, quoted, ahead, on):
     (claim,) = (claim for claim in CLAIMS if claim.id == f"table-{claim_id}")
     assert claim.quoted == quoted.replace(":", " of SR and PC2PIX:")
     who = {"network": "pc2pix is ahead", "surface": "SR is ahead", "equal": "they are equal"}[ahead]
-    assert (claim.where, claim.measured) == (where, f"{who} by {quoted.split(':')[0]}{on}")
+    assert (claim.where, claim.criterion) == (where, f"{who} by {quoted.split(':')[0]}{on}")
     assert claim.rule.keywords["ahead"] == ahead
 
 
@@ -139,7 +139,7 @@ def test_the_checklist_in_markdown():
     assert "| pc2pix | run 3 | 0 | 0 | 1 | 0 |" in lines
     first = next(line for line in lines if line.startswith(f"| {claim.id} |"))
     start = f"| {claim.id} | **supported** | pc2pix (run 1) | 24 | ssim 0.7 "
-    assert first == f"{start}| “{claim.quoted}” ({claim.where}) | {claim.measured} |"
+    assert first == f"{start}| “{claim.quoted}” ({claim.where}) | {claim.criterion} |"
     second, third, fourth = lines[lines.index(first) + 1 :][:3]
     message = "undecided: not shown: a \\| b | pc2pix (run 2) | 24 | ssim 0.7"
     assert second == f"| {claim.id} | {message} |  |  |"  # the quotation stands above

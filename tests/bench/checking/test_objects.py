@@ -17,16 +17,8 @@ from bench.analysis.scored_run import read_run
 from bench.catalogue.metrics import IMAGE_METRICS, column
 from bench.catalogue.suites import SUITES, with_truth
 from bench.checking.golden import bless, check
-from bench.checking.objects import (
-    ACROSS,
-    SIDE,
-    Widths,
-    golden_thumbnails,
-    read_objects,
-    read_png,
-    thumbnail,
-    to_png,
-)
+from bench.checking.objects import Widths, golden_thumbnails, read_objects
+from bench.checking.thumbnails import ACROSS, SIDE, read_png, thumbnail, to_png
 from bench.checking.tolerances import PRINTED, object_tolerance
 from bench.draw.finish import LABEL_HEIGHT, MARGIN, PROBLEM_GROUND
 from bench.records.frames import read_jobs, stored_artifacts
@@ -282,7 +274,7 @@ def test_no_value_is_golden_too(run, golden_results):
     (line,) = check(run).regressions
     assert line == (
         "thin-precision of blank at 512: 1 of 7 objects moved by more than 0.000001: "
-        "chair/c 0.250000, golden nothing (same images)"
+        "chair/c 0.250000, golden no value (same images)"
     )
 
 

@@ -77,7 +77,7 @@ CASES = {
     "another has lost its other value": (moved("lpips", np.nan, "e"), {"lpips": of_objects(1)}),
     "elsewhere an object has lost its value": (
         moved("ssim", np.nan, "d", elsewhere=True),
-        {"ssim": "1 of 10 objects moved by more than 0.002200: chair/d nothing, golden 0."},
+        {"ssim": "1 of 10 objects moved by more than 0.002200: chair/d no value, golden 0."},
     ),
     "elsewhere a mean that should rise falls": (
         moved("ssim", -0.002, elsewhere=True),
