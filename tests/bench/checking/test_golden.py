@@ -239,7 +239,7 @@ def test_a_value_that_is_gone_is_a_regression(run, harm, metrics):
     assert by_object == [metric for metric in (*SSIM, *DETAIL) if metric in metrics]
     lines = [line for line in lines if "objects moved" not in line]
     assert [line.split(",")[0] for line in lines] == [
-        f"{metric} of splat at 512: nothing" for metric in metrics
+        f"{metric} of splat at 512: no value" for metric in metrics
     ]
 
 
