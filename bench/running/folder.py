@@ -150,7 +150,6 @@ def _with_added(asked: Protocol, held: HeldRun, directory: Path) -> Protocol:
     return replace(
         asked,
         methods={name: methods[name] for name in order},
-        conditions=tuple(held.manifest["conditions"]),
         objects=_objects_there(directory, asked, held.manifest),
     )
 

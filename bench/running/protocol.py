@@ -177,6 +177,7 @@ class Protocol:
         """
         trees = {k: (m.images.root, m.images.claims) for k, m in self.methods.items() if m.images}
         others = {n: find_condition(n).key for n in self.conditions if n in announced("condition")}
+        of_packages: dict[str, Any] = {CONDITION_IDENTITIES: others} if others else {}
         return manifest_of(
             request=request,
             environment=self.environment,
@@ -186,7 +187,7 @@ class Protocol:
             objectives=objectives(self.methods.values()),
             **manifest_entry(trees),
             conditions=list(self.conditions),
-            **({CONDITION_IDENTITIES: others} if others else {}),
+            **of_packages,
             objects=self.names,
             skipped_metrics=dict(self.skipped),
             feature_identity=dict(self.feature_identity),
