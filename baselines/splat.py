@@ -97,7 +97,8 @@ def _nearest(points: Points) -> NDArray[np.float64]:
     N is at least 2.
     """
     if len(points) <= CLOUD_SIZE:
-        distances, _ = cKDTree(points).query(points, k=[2])  # the first is the point itself
+        # Asked for as a list, the second neighbour alone: the first is the point itself.
+        distances = np.asarray(cKDTree(points).query(points, k=[2])[0])
         return distances[:, 0]
     # The search takes time in proportion to the points that coincide, because the tree cannot
     # divide them. Their distance is known to be 0, so only the others are searched for.

@@ -182,8 +182,9 @@ def _examine(obj: SceneObject) -> _ObjectReport:
         problems = ((_UNUSABLE, str(error)),)
         # Among the files of a folder one without faces may be a cloud; the meshes of a dataset are
         # in folders of their own, and none of them is meant to be one.
-        is_of_folder = isinstance(obj, MeshFile) and obj.folder is None
-        if not (isinstance(error, NoFaces) and is_of_folder):
+        if not isinstance(obj, MeshFile) or obj.folder is not None:
+            return _ObjectReport(problems)
+        if not isinstance(error, NoFaces):
             return _ObjectReport(problems)
         cloud = _examine(BareCloud(obj.class_name, obj.object_id, obj.path))
         return _ObjectReport((*problems, *cloud.problems), bare=cloud.bare)

@@ -133,7 +133,7 @@ class CloudFile:
         if self.most is not None:
             kept = kept[random_rows(len(kept), self.most)]
         cloud = self._scaled(points[kept])
-        notes += self._notes_on_shape(cloud, has_far=far.any() and not self.drop_far)
+        notes += self._notes_on_shape(cloud, has_far=bool(far.any()) and not self.drop_far)
         colors = None if contents.colors is None else contents.colors[kept]
         return LoadedCloud(cloud, colors, tuple(f"{self.path}: {note}" for note in notes))
 
@@ -142,7 +142,7 @@ class CloudFile:
 
         Raises BadInput where they are neither left out nor kept as they are.
         """
-        valid = np.isfinite(contents.points).all(axis=1)
+        valid = np.asarray(np.isfinite(contents.points).all(axis=1))
         if valid.all():
             return ()
         count = f"{np.count_nonzero(~valid)} of {len(valid)} points"

@@ -68,7 +68,9 @@ def modelnet_dataset(spec: str, root: Path) -> Dataset:
         for class_name, folder in classes.items():
             on_disk = {path.stem: _object(class_name, path) for path in files_in(folder, OFF)}
             if lists:
-                named = {split: _ids_of(folder.name, ids) for split, ids in lists.items()}
+                named: dict[Split, Sequence[str]] = {}
+                for split, ids in lists.items():
+                    named[split] = _ids_of(folder.name, ids)
                 absent = partial(_absent, class_name, folder)
                 listing.add_listed(class_name, on_disk, named, absent)
             else:
