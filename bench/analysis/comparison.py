@@ -120,6 +120,25 @@ def compare(
     return pd.DataFrame(rows, columns=COLUMNS)
 
 
+def compared(
+    run: Run,
+    metrics: Sequence[str],
+    methods: Iterable[str] | None = None,
+    among: Mapping[CloudSet, Container[str]] | None = None,
+) -> pd.DataFrame:
+    """Return `compare` of a run, by default of all its methods; the run keeps it for further calls.
+
+    A comparison of some objects alone (`among`) is not kept.
+    """
+    names = frozenset(run.manifest["methods"] if methods is None else methods)
+    if among is not None:
+        return compare(run, metrics, names, among)
+    key = tuple(metrics), names
+    if key not in run.comparisons:
+        run.comparisons[key] = compare(run, metrics, names)
+    return run.comparisons[key]
+
+
 def _about_images(
     run: Run, method: str, cloud_set: CloudSet, known: NDArray[np.bool_], claimed: Container[str]
 ) -> dict[str, Any]:

@@ -11,7 +11,7 @@ from collections.abc import Sequence
 import numpy as np
 import pandas as pd
 
-from bench.analysis.comparison import NAN, Estimate, Row
+from bench.analysis.comparison import NAN, Estimate, Row, compared
 from bench.analysis.intervals import SIGNIFICANCE
 from bench.analysis.paired import better_by, lead_of, verdicts_of, who_is_ahead
 from bench.analysis.paper import AVERAGE, SURFACE, Published, network_of, paper_difference
@@ -58,10 +58,10 @@ def orderings(run: Run, published: Published) -> pd.DataFrame:
     metrics += [metric for metric in wanted if is_mean(metric) and run.has(metric)]
     both = (SURFACE, network)
     verdicts = verdicts_of(run, metrics, both)
-    compared = run.compared(metrics, both)
-    counts, conditions = run.objects_of, compared["condition"].nunique()
+    of_both = compared(run, metrics, both)
+    counts, conditions = run.objects_of, of_both["condition"].nunique()
     rows = []
-    for (condition, metric), by_class in compared.groupby(["condition", "metric"], sort=False):
+    for (condition, metric), by_class in of_both.groupby(["condition", "metric"], sort=False):
         surface, ours = (by_class[by_class["method"] == m].to_dict("records") for m in both)
         leads = []
         for row in ours:

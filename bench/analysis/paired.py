@@ -16,7 +16,7 @@ from typing import TYPE_CHECKING, Literal, NamedTuple
 import numpy as np
 import pandas as pd
 
-from bench.analysis.comparison import NAN, VALUE, Estimate, Row
+from bench.analysis.comparison import NAN, VALUE, Estimate, Row, compared
 from bench.analysis.intervals import (
     FEWEST,
     NO_INTERVAL,
@@ -269,4 +269,4 @@ class Verdicts:
 
 def verdicts_of(run: Run, metrics: Sequence[str], methods: Iterable[str] | None = None) -> Verdicts:
     """Return the verdicts of a run, by the metrics of its headline and by those of a table."""
-    return Verdicts(run.compared(run.headline, methods), run.compared(metrics, methods))
+    return Verdicts(compared(run, run.headline, methods), compared(run, metrics, methods))

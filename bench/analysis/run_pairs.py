@@ -11,7 +11,14 @@ from pathlib import Path
 import pandas as pd
 from threadpoolctl import threadpool_limits
 
-from bench.analysis.comparison import CloudSet, best_first, candidates, known_objects, pooled
+from bench.analysis.comparison import (
+    CloudSet,
+    best_first,
+    candidates,
+    compared,
+    known_objects,
+    pooled,
+)
 from bench.analysis.paired import by_method, paired_differences, two_methods
 from bench.analysis.scored_run import Run, read_run
 from bench.catalogue.chosen import BEST_CLASSICAL, CHOSEN, MetricAtCondition
@@ -92,12 +99,12 @@ def method_standing(run: Run, method: str, added: Sequence[str]) -> Standing:
     scores.
     """
     metrics = _metrics([run], None, [])
-    compared = run.compared(metrics, {*candidates(run.manifest["methods"]), FLOOR, method})
-    drawn = compared[(compared["method"] == method) & (compared["metric"] == metrics[0])]
+    rows = compared(run, metrics, {*candidates(run.manifest["methods"]), FLOOR, method})
+    drawn = rows[(rows["method"] == method) & (rows["metric"] == metrics[0])]
     sums = drawn.groupby("condition", sort=False)[["n_ok", "n"]].sum()
     images = {str(name): (int(row["n_ok"]), int(row["n"])) for name, row in sums.iterrows()}
     conditions = tuple(name for name, (count, _) in images.items() if count)
-    among = compared[compared["condition"].isin(conditions)]
+    among = rows[rows["condition"].isin(conditions)]
     values = among.groupby(["metric", "method", "images_of"], sort=False)["value"]
     means = values.agg(lambda of_method: of_method.mean(skipna=False)).reset_index()
     if not conditions:
@@ -133,11 +140,11 @@ def _two_methods(
     _refuse_unknown("--methods", methods, [*run.manifest["methods"], *chosen_rows])
     a, b = methods
     folder = _name(run.directory)
-    compared = _compare(run, methods, chosen)
+    rows = _compare(run, methods, chosen)
     if conditions is not None:
-        compared = compared[compared["condition"].isin(conditions)]
-    together = pooled(compared)
-    parts = [compared] if together.empty else [compared, together]
+        rows = rows[rows["condition"].isin(conditions)]
+    together = pooled(rows)
+    parts = [rows] if together.empty else [rows, together]
     rows = pd.concat([two_methods(part.assign(run=folder), chosen, a, b) for part in parts])
     named = chosen_rows.keys() & set(methods)
     remarks += [CHOSEN[name].in_words(chosen_rows[name]) for name in CHOSEN if name in named]
@@ -233,16 +240,17 @@ def _compare(
 
     among  objects that take part, by condition and class; by default all
     """
-    rows = {name: best for name, best in _chosen_rows(run, metrics).items() if name in methods}
-    chosen = {method for best in rows.values() for method in best.values()}
+    chosen_rows = {
+        name: best for name, best in _chosen_rows(run, metrics).items() if name in methods
+    }
+    chosen = {method for best in chosen_rows.values() for method in best.values()}
     with threadpool_limits(1):  # the same digits on any number of cores
-        compared = run.compared(metrics, {*methods, *chosen}, among)
-    chosen_by = pd.MultiIndex.from_frame(compared[["metric", "condition"]])
-    best_rows = (
-        compared[compared["method"] == chosen_by.map(best)].assign(method=name)
-        for name, best in rows.items()
-    )
-    return pd.concat([compared, *best_rows])
+        rows = compared(run, metrics, {*methods, *chosen}, among)
+    chosen_by = pd.MultiIndex.from_frame(rows[["metric", "condition"]])
+    parts = [rows]
+    for name, best in chosen_rows.items():
+        parts.append(rows[rows["method"] == chosen_by.map(best)].assign(method=name))
+    return pd.concat(parts)
 
 
 def _chosen_rows(run: Run, metrics: Sequence[str]) -> dict[str, dict[MetricAtCondition, str]]:

@@ -9,7 +9,7 @@ class. Memory grows with the number of jobs, not of images.
 from __future__ import annotations
 
 from collections import Counter
-from collections.abc import Container, Iterable, Mapping, Sequence
+from collections.abc import Iterable, Mapping, Sequence
 from dataclasses import dataclass, field, replace
 from functools import cached_property
 from itertools import product
@@ -20,7 +20,6 @@ import numpy as np
 import pandas as pd
 from numpy.typing import NDArray
 
-from bench.analysis.comparison import compare
 from bench.analysis.distances import FeatureDistances, ImageSet
 from bench.analysis.recognition import confidences, read_class_head
 from bench.catalogue.methods import FLOOR
@@ -130,7 +129,8 @@ class Run:
     jobs: pd.DataFrame
     features: dict[str, FeatureDistances] = field(default_factory=dict)
     skipped: dict[str, str] = field(default_factory=dict)
-    _compared: dict[tuple[tuple[str, ...], frozenset[str]], pd.DataFrame] = field(
+    # Comparisons that were made already, by metrics and methods: see `comparison.compared`.
+    comparisons: dict[tuple[tuple[str, ...], frozenset[str]], pd.DataFrame] = field(
         default_factory=dict, repr=False, init=False
     )
 
@@ -263,23 +263,6 @@ class Run:
         available = {*self.features} | ({*IMAGE_METRICS} - self.skipped.keys())
         # A metric of `bench score` is declared, and its sums are columns of the jobs.
         return [m for m in metrics if m in available or (declared_metric(m) and self.has(m))]
-
-    def compared(
-        self,
-        metrics: Sequence[str],
-        methods: Iterable[str] | None = None,
-        among: Mapping[tuple[str, str], Container[str]] | None = None,
-    ) -> pd.DataFrame:
-        """Return `compare` of this run by these metrics, by default of all methods; computed once.
-
-        `among` has the objects that take part, by condition and class; by default all.
-        """
-        key = tuple(metrics), frozenset(self.manifest["methods"] if methods is None else methods)
-        if among is not None:
-            return compare(self, metrics, key[1], among)
-        if key not in self._compared:
-            self._compared[key] = compare(self, metrics, key[1])
-        return self._compared[key]
 
     def read_images(self, columns: Sequence[str] = COLUMNS, **only: str) -> pd.DataFrame:
         """Return the records of single images, methods and conditions in the manifest's order.

@@ -10,6 +10,7 @@ from typing import Any, NamedTuple
 import pandas as pd
 from threadpoolctl import threadpool_limits
 
+from bench.analysis.comparison import compared
 from bench.analysis.distances import ImageSet
 from bench.analysis.paper import NETWORK, SURFACE
 from bench.analysis.recognition import true_gallery
@@ -267,12 +268,12 @@ def _quality_evidence(
         for method in manifest["methods"]
         if family_of(method) == NETWORK or method in subjects
     ]
-    compared = scored.compared(metrics, [SURFACE, "true-mesh", *FLOORS, *networks])
-    if compared.empty:
+    evidence = compared(scored, metrics, [SURFACE, "true-mesh", *FLOORS, *networks])
+    if evidence.empty:
         raise BadInput(f"{directory}: no object of this run could be drawn; fix the dataset")
     judged = scored.features.get(JUDGE)
     return QualityEvidence(
-        compared=compared,
+        compared=evidence,
         retrieval={} if judged is None else _retrieval_of_chairs(scored.image_sets, judged),
         trainings=_trainings(networks),
         subjects=tuple(subjects),

@@ -13,7 +13,7 @@ from typing import Any
 import pandas as pd
 from threadpoolctl import threadpool_limits
 
-from bench.analysis.comparison import ALL, pooled
+from bench.analysis.comparison import ALL, compared, pooled
 from bench.analysis.frontier import frontier_verdicts
 from bench.analysis.paired import verdicts_of
 from bench.analysis.scored_run import in_order
@@ -84,10 +84,10 @@ def read_page(made: Outputs) -> dict[str, Any]:
     sources = open_sources(run.directory, manifest, _shown(records, chosen))
     cost_metrics = run.measured(suite.frontier or suite.headline)
     with threadpool_limits(1):
-        compared = run.compared(headline)
-        together = pooled(compared)  # without rows for a single class
-        answer = in_short(compared if together.empty else together, headline, views)
-        by_cost, verdicts = run.compared(cost_metrics), verdicts_of(run, cost_metrics)
+        by_headline = compared(run, headline)
+        together = pooled(by_headline)  # without rows for a single class
+        answer = in_short(by_headline if together.empty else together, headline, views)
+        by_cost, verdicts = compared(run, cost_metrics), verdicts_of(run, cost_metrics)
         points = frontier_verdicts(by_cost, views, verdicts)
         costed = cost_grid(by_cost, cost_metrics[0], views, verdicts)
     for text in run.not_measured:

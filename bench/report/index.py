@@ -17,7 +17,7 @@ from urllib.parse import quote
 import pandas as pd
 from threadpoolctl import threadpool_limits
 
-from bench.analysis.comparison import milliseconds, over_conditions, pooled, with_costs
+from bench.analysis.comparison import compared, milliseconds, over_conditions, pooled, with_costs
 from bench.analysis.ranks import ranking
 from bench.analysis.scored_run import Run, read_run
 from bench.catalogue.conditions import condition_words
@@ -194,13 +194,13 @@ def _run_board(runs: Sequence[NamedRun]) -> dict[str, Any] | None:
         metrics = run.run.measured([*dict.fromkeys((*HEADLINE_METRICS, *run.run.suite.headline))])
         metrics = [metric for metric in metrics if is_mean(metric)]
         with threadpool_limits(1):
-            by_class = run.run.compared(metrics)
+            by_class = compared(run.run, metrics)
             together = pooled(by_class)  # without rows for a single class
-            compared = by_class if together.empty else together
-            if compared.empty:
+            rows = by_class if together.empty else together
+            if rows.empty:
                 notes.append(f"{run.name} has no scored image.")
                 continue
-            overall = over_conditions(compared)
+            overall = over_conditions(rows)
             by_metric = overall.groupby("metric", sort=False)
             rankings = {str(metric): ranking(rows) for metric, rows in by_metric}
         groups.append(_of_run(run, names, overall, rankings))

@@ -10,6 +10,7 @@ import numpy as np
 import pandas as pd
 from threadpoolctl import threadpool_limits
 
+from bench.analysis.comparison import compared
 from bench.analysis.condition_sweep import condition_curves, condition_leads
 from bench.analysis.distances import ImageSet
 from bench.analysis.frontier import frontier_verdicts, thinned_clouds
@@ -75,7 +76,7 @@ def class_orderings(run: Run) -> Table | None:
 def curves(run: Run) -> pd.DataFrame:
     """Return `condition_curves` of a run; a suite without such a table gives no rows."""
     with threadpool_limits(1):
-        return condition_curves(run.compared(run.measured(run.suite.condition_sweep)))
+        return condition_curves(compared(run, run.measured(run.suite.condition_sweep)))
 
 
 def condition_sweep(run: Run) -> Table | None:
@@ -99,9 +100,9 @@ def frontier_tables(run: Run) -> tuple[Table, Table] | None:
         return None
     metrics, views = run.measured(run.suite.frontier), int(run.manifest["views"])
     with threadpool_limits(1):
-        compared = run.compared(metrics)
-        placed = frontier_verdicts(compared, views, verdicts_of(run, metrics))
-        fewer = thinned_clouds(compared, views)
+        by_cloud = compared(run, metrics)
+        placed = frontier_verdicts(by_cloud, views, verdicts_of(run, metrics))
+        fewer = thinned_clouds(by_cloud, views)
     by_cost = frontier_table(frontier, placed, how_timed(run.manifest))
     return _of_run(run, by_cost), _of_run(run, points_table(points, fewer))
 
