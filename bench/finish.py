@@ -8,17 +8,16 @@ from functools import partial
 from pathlib import Path
 
 from bench.analysis.further_metrics import further_rows
-from bench.analysis.scored_run import Run, read_run
+from bench.analysis.run import Run, read_run
 from bench.catalogue.metrics import column, metrics_device
 from bench.catalogue.plugins import ImageMetric, SetMetric, find_metric
 from bench.catalogue.suites import Suite
+from bench.records.folder import locked_run, read_finished, read_manifest
 from bench.records.frames import Artifact, stored_artifacts
-from bench.records.job import JobName, timed
-from bench.records.record import COLUMNS
-from bench.records.run_folder import locked_run, read_finished, read_manifest
+from bench.records.job import COLUMNS, JobName, timed
 from bench.records.store import open_store
 from bench.report.build import write_report
-from bench.report.figure import FIGURES
+from bench.report.plots import FIGURES
 from bench.report.run_figures import (
     write_beyond_figures,
     write_class_figures,

@@ -21,7 +21,7 @@ from collections.abc import Iterable, Mapping, Sequence
 from pathlib import Path
 
 from bench.analysis.paper import AVERAGE
-from bench.analysis.scored_run import read_run
+from bench.analysis.run import read_run
 from bench.catalogue.chosen import BEST_CLASSICAL, CHOSEN, OTHER_METRICS, RANKINGS
 from bench.catalogue.metrics import higher_is_better
 from bench.tables.table import csv_text

@@ -55,7 +55,7 @@ from pathlib import Path
 from types import MappingProxyType
 from typing import NamedTuple
 
-from bench.analysis.comparison import milliseconds
+from bench.analysis.compare import milliseconds
 from bench.analysis.digits import decimals, is_coarse, prints_better
 from bench.catalogue.chosen import CHOSEN
 from bench.catalogue.conditions import condition_name

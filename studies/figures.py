@@ -19,13 +19,12 @@ from typing import TYPE_CHECKING
 
 import pandas as pd
 
-from bench.analysis.condition_sweep import condition_curves
 from bench.analysis.paper import AVERAGE
+from bench.analysis.sweeps import condition_curves
 from bench.catalogue.chosen import CHOSEN, cost_of, measured_methods
 from bench.catalogue.methods import FLOOR, role
 from bench.catalogue.metrics import higher_is_better
-from bench.report.figure import save
-from bench.report.plots import axis_title, dots_figure, frontier_figure
+from bench.report.plots import axis_title, dots_figure, frontier_figure, save
 from bench.report.run_figures import family_figure, family_panels, quality_figure, quality_panel
 from bench.report.styles import method_styles
 from studies.documents import NUMBERS

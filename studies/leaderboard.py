@@ -18,7 +18,7 @@ from typing import Any
 
 import numpy as np
 
-from bench.analysis.comparison import milliseconds
+from bench.analysis.compare import milliseconds
 from bench.analysis.paper import AVERAGE
 from bench.catalogue.chosen import (
     BEST_CLASSICAL,
@@ -28,7 +28,7 @@ from bench.catalogue.chosen import (
     measured_methods,
 )
 from bench.catalogue.conditions import condition_words
-from bench.report.board import (
+from bench.report.index import (
     HEADLINE_METRICS,
     BoardCell,
     BoardColumn,
@@ -79,7 +79,7 @@ GROUPS = (
 
 
 def board(numbers: Path = NUMBERS, groups: Sequence[ResultGroup] = GROUPS) -> dict[str, Any]:
-    """Return the leaderboard of the results in a folder, as `bench.report.board.leaderboard` does.
+    """Return the leaderboard of the results in a folder, as `bench.report.index.leaderboard` does.
 
     Methods are sorted by the mean of their places in the columns in which they have values. Weights
     that do not belong to the package are left out.

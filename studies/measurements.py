@@ -29,13 +29,13 @@ from typing import Any, NamedTuple
 
 import pandas as pd
 
+from bench.analysis.pairs import compare_methods
 from bench.analysis.paper import AVERAGE
-from bench.analysis.run_pairs import compare_methods
-from bench.analysis.scored_run import Run, read_run
+from bench.analysis.run import Run, read_run
 from bench.catalogue.chosen import BEST_CLASSICAL, COSTS
 from bench.catalogue.methods import find_method, role
 from bench.catalogue.suites import SUITES
-from bench.records.run_folder import read_manifest
+from bench.records.folder import read_manifest
 from bench.tables.build import tables
 from bench.tables.differences import differences_table
 from bench.tables.quality import further_tables

@@ -36,7 +36,7 @@ import torch
 
 from bench.catalogue.methods import find_method
 from bench.catalogue.metrics import CONTROL_METRICS, IMAGE_METRICS, column
-from bench.checking.tolerances import tolerance
+from bench.check.tolerances import tolerance
 from data_prep.randomness import generator
 from data_prep.rendering.raycast import OPENGL, cast
 from data_prep.scene import PointCloud, UInt8Images

@@ -11,7 +11,7 @@ from bench.catalogue.chosen import BEST_CLASSICAL, CHOSEN
 from bench.catalogue.lookup import find
 from bench.judges import VIEWS_WEIGHTS
 from bench.judges.views import load_views_network
-from bench.report.figure import Image
+from bench.report.plots import Image
 from bench.report.sheets import image_sheet
 from bench.running.work import load_renderer
 from bench.suites.latent.chairs import choose_pairs, specified_chairs

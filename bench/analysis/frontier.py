@@ -3,7 +3,7 @@
 A method is on the frontier where it is not worse than a white image, and no other is at least as
 good for at most its cost. That is decided by the values in the digits that both are printed with;
 whether a method off the frontier is really worse, or only happened to come out so, is decided by
-pairing it with the cheaper ones, object by object (`bench.analysis.paired.Verdicts`).
+pairing it with the cheaper ones, object by object (`bench.analysis.differences.Verdicts`).
 """
 
 from __future__ import annotations
@@ -13,7 +13,7 @@ from collections.abc import Container, Hashable, Sequence
 import numpy as np
 import pandas as pd
 
-from bench.analysis.comparison import (
+from bench.analysis.compare import (
     COST,
     IMAGE_SET,
     VALUE,
@@ -24,8 +24,8 @@ from bench.analysis.comparison import (
     with_costs,
     worse_than_blank,
 )
-from bench.analysis.condition_sweep import FAMILY_BY_ID
-from bench.analysis.paired import Verdicts, better_by
+from bench.analysis.differences import Verdicts, better_by
+from bench.analysis.sweeps import FAMILY_BY_ID
 from bench.catalogue.methods import FLOOR
 from data_prep.scene import CLOUD_SIZE
 

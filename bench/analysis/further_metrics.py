@@ -17,15 +17,14 @@ import numpy as np
 import pandas as pd
 
 from bench.analysis.digits import decimals
-from bench.analysis.distances import FeatureDistances
-from bench.analysis.scored_run import Run
-from bench.analysis.scores import distance_rows, image_rows
+from bench.analysis.run import Run
+from bench.analysis.sets import FeatureDistances
+from bench.analysis.values import distance_rows, image_rows
 from bench.catalogue.metrics import FURTHER_METRICS, declare_metric
 from bench.catalogue.plugins import ImageMetric, SetMetric
 from bench.metrics.inception_weights import WeightsUnavailable
 from bench.records.frames import ImageKey, read_scores
-from bench.records.job import JobName, unpack
-from bench.records.record import GROUND_TRUTH
+from bench.records.job import GROUND_TRUTH, JobName, unpack
 from bench.records.store import ScoredMetric, Store
 from bench.running.work import reason_of
 from data_prep.arrays import Floats

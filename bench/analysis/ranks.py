@@ -2,8 +2,8 @@
 
 Methods that share a letter do not differ significantly. The letters are a compact letter display by
 insertion and absorption (Piepho, Journal of Computational and Graphical Statistics 13, 2004).
-Whether two methods differ is decided object by object (`bench.analysis.paired`), corrected for all
-pairs. Reference methods have no rank.
+Whether two methods differ is decided object by object (`bench.analysis.differences`), corrected for
+all pairs. Reference methods have no rank.
 """
 
 from __future__ import annotations
@@ -16,9 +16,9 @@ from string import ascii_lowercase
 import numpy as np
 import pandas as pd
 
-from bench.analysis.comparison import best_first, candidates
+from bench.analysis.compare import best_first, candidates
+from bench.analysis.differences import paired_differences
 from bench.analysis.digits import prints_better
-from bench.analysis.paired import paired_differences
 
 
 def ranking(rows: pd.DataFrame) -> tuple[pd.DataFrame, int | None]:

@@ -12,11 +12,11 @@ from typing import Any
 
 import pandas as pd
 
-from bench.analysis.comparison import ALL
-from bench.analysis.scored_run import Run
+from bench.analysis.compare import ALL
+from bench.analysis.run import Run
 from bench.catalogue.methods import FLOOR
 from bench.records.frames import read_scores, scored_metrics
-from bench.records.record import JOB
+from bench.records.job import JOB
 from data_prep.failures import BadInput
 
 INVENTED = ("invented-holes", "invented-parts")  # of `bench score`: the table needs one

@@ -22,7 +22,7 @@ from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
-from bench.catalogue.method import IMAGES_PREFIX, Method
+from bench.catalogue.methods import IMAGES_PREFIX, Method
 from data_prep.datasets.objects import SceneObject
 from data_prep.failures import BadInput, StageFailure
 from data_prep.files.checksums import file_sha256

@@ -15,14 +15,14 @@ from xml.etree import ElementTree
 import typer
 
 from bench.commands.options import OptionSpec, options_from_dataclass, path_argument
-from bench.records.run_folder import locked_run, read_manifest
+from bench.records.folder import locked_run, read_manifest
 from bench.tables.markdown import visible
 from data_prep.failures import BadInput, CannotWrite
 from data_prep.scene import IMAGE_SIZE
 
 if TYPE_CHECKING:
-    from bench.checking.golden import CheckResult
-    from bench.checking.objects import GoldenDeviation, Widths
+    from bench.check.golden import CheckResult
+    from bench.check.objects import GoldenDeviation, Widths
 
 _MOST_SEED = 2**32
 _MOST_MOVED = 8  # objects of the sheet
@@ -82,7 +82,7 @@ def check(
     ],
 ) -> None:
     """Compare a run with golden values, or with itself. Exit 0 if all agree, else 1."""
-    from bench.checking import golden as checks
+    from bench.check import golden as checks
 
     again, seed, given = options.again, options.seed, options.of_golden
     if again is not None and (given or options.claims):
@@ -133,8 +133,8 @@ def check(
 
 def _widths(given: Sequence[str], strict: bool) -> Widths:
     """Return the tolerances of the command line. Raises BadInput for one that cannot be used."""
-    from bench.checking.objects import Widths
-    from bench.checking.tolerances import OBJECT_RENDERING
+    from bench.check.objects import Widths
+    from bench.check.tolerances import OBJECT_RENDERING
 
     by_metric: dict[str, float] = {}
     for text in given:
@@ -231,7 +231,7 @@ def _as_junit(directory: Path, verdict: CheckResult) -> str:
 
 
 def _moved_path(directory: Path) -> Path:
-    from bench.report.figure import FIGURES
+    from bench.report.plots import FIGURES
 
     return directory / FIGURES / "moved.png"
 
@@ -242,13 +242,13 @@ def _write_deviations(directory: Path, moved: Sequence[GoldenDeviation], ours: b
     Only golden values that are `ours` have thumbnails. An image is of the first view; the metric is
     the one that moved most. Without any object an old file is removed. Raises CannotWrite.
     """
-    from bench.checking.objects import golden_thumbnails, stored_images
-    from bench.checking.objects import number as rounded
-    from bench.checking.thumbnails import SIDE
+    from bench.check.objects import golden_thumbnails, stored_images
+    from bench.check.objects import number as rounded
+    from bench.check.thumbnails import SIDE
     from bench.draw.files import write_images
     from bench.draw.finish import Tile, draw_sheet
     from bench.records.frames import stored_artifacts
-    from bench.tables.published import golden_name
+    from bench.tables.paper import golden_name
 
     path = _moved_path(directory)
     worst: dict[object, GoldenDeviation] = {}
@@ -284,7 +284,7 @@ def _write_deviations(directory: Path, moved: Sequence[GoldenDeviation], ours: b
 
 def _check_again(directory: Path, share: float, seed: int) -> None:
     """Print a line for each job whose results are others than in the run, and how many are not."""
-    from bench.checking.again import check_again
+    from bench.check.again import check_again
 
     result = check_again(directory, share, seed)
     for line in result.differing:
@@ -298,7 +298,7 @@ def _check_again(directory: Path, share: float, seed: int) -> None:
 
 def _check_claims(directories: list[Path], methods: Sequence[str]) -> None:
     """Print the checklist, and write it into the first folder."""
-    from bench.checking.checklist import check_claims, to_markdown, write_checklist
+    from bench.check.checklist import check_claims, to_markdown, write_checklist
 
     checklist = check_claims(directories, methods)
     try:

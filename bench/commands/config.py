@@ -12,8 +12,8 @@ import typer
 from bench.catalogue.images import address_of
 from bench.catalogue.suites import SUITES
 from bench.commands.options import USAGE_ERROR, plain_message, read_path
-from bench.records.record import SCHEMA_VERSION
-from bench.records.run_folder import load_manifest
+from bench.records.folder import load_manifest
+from bench.records.job import SCHEMA_VERSION
 from bench.running.options import REPEATED, Options
 from bench.running.protocol import name_of, objects_of
 from data_prep.datasets.registry import open_dataset

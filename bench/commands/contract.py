@@ -12,9 +12,8 @@ import typer
 
 from bench.catalogue.images import ENTERED
 from bench.catalogue.lookup import family_of, variant_of
-from bench.catalogue.method import allow_modules, is_module_name, search_folder
-from bench.catalogue.methods import find_run_method
-from bench.checking.contract.findings import Finding, is_blocked, summary
+from bench.catalogue.methods import allow_modules, find_run_method, is_module_name, search_folder
+from bench.check.contract.findings import Finding, is_blocked, summary
 from bench.commands.config import JOB_SUITES, repeated_request
 from bench.commands.options import (
     RunDirectory,
@@ -23,7 +22,7 @@ from bench.commands.options import (
     path_option,
     worker_count,
 )
-from bench.records.run_folder import MANIFEST, read_finished
+from bench.records.folder import MANIFEST, read_finished
 from bench.running.options import Options, default_name
 from bench.tables.markdown import visible
 from data_prep.datasets.exported import ExportedObject
@@ -49,7 +48,7 @@ def test(
 
     Exit 0 if it keeps the contract, 1 if something blocks a run or falsifies its results.
     """
-    from bench.checking.contract.plugin import plugin_findings
+    from bench.check.contract.plugin import plugin_findings
 
     if ":" in family_of(name) and not is_dataset(name):  # MODULE:NAME
         search_folder()
@@ -62,7 +61,7 @@ def test(
 
 def _next_command(name: str) -> str:
     """Return the command that uses a plug-in which has passed its test."""
-    from bench.checking.contract.targets import DatasetSource, Method, find_target
+    from bench.check.contract.targets import DatasetSource, Method, find_target
     from data_prep.clouds.conditions import Condition
 
     target = find_target(name)
@@ -135,7 +134,7 @@ def add(
     from bench.commands.terminal import shown, watching
     from bench.finish import run_suite
     from bench.report.build import REPORT
-    from bench.tables.standing import standing_lines
+    from bench.tables.differences import standing_lines
     from bench.tables.terminal import terminal_width
 
     asked = names(methods) or ()
@@ -218,7 +217,7 @@ def is_own(name: str) -> bool:
 
 def _pass_test(name: str) -> None:
     """Test a method, and print what is not kept. Raises typer.Exit where this blocks a run."""
-    from bench.checking.contract.plugin import plugin_findings
+    from bench.check.contract.plugin import plugin_findings
 
     print(f"testing {name}, at most a minute", file=sys.stderr)
     findings = printed(plugin_findings(name), failed_only=True)

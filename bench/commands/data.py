@@ -27,8 +27,8 @@ from bench.commands.options import (
 )
 from bench.running.environment import cores
 from bench.running.export import export
-from bench.running.isolation import WorkerFailure, run_tasks
 from bench.running.options import Options
+from bench.running.pool import WorkerFailure, run_tasks
 from bench.running.protocol import name_of
 from bench.tables.markdown import visible
 from data_prep.clouds.far_points import note_on_scale

@@ -19,12 +19,12 @@ import typer
 from bench.catalogue.methods import METHODS, Method
 from bench.catalogue.metrics import SET_METRICS, WeightsUnavailable, find_extractor
 from bench.catalogue.plugins import plugin_problems
-from bench.checking.contract.findings import Finding, is_blocked
+from bench.check.contract.findings import Finding, is_blocked
 from bench.commands.contract import printed
 from bench.metrics.flip import flip_module
 from bench.metrics.packaged_weights import find_dists_weights, find_lpips_weights
 from bench.running.environment import PACKAGES, cores, environment
-from bench.running.worker_process import own_python
+from bench.running.worker import own_python
 from data_prep.failures import BadInput, MissingDependency
 from data_prep.rendering.opengl import DEBIAN_PACKAGES
 

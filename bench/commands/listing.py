@@ -19,13 +19,14 @@ from bench.catalogue.chosen import (
     cost_of,
     measured_methods,
 )
-from bench.catalogue.method import IMAGES_PREFIX, Method
 from bench.catalogue.methods import (
     CHOOSE_FOR,
     COST_VARIANTS,
+    IMAGES_PREFIX,
     METHODS,
     PARAMETERS,
     RECOMMENDED,
+    Method,
     find_method,
 )
 from bench.catalogue.metrics import METRICS

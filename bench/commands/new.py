@@ -15,7 +15,7 @@ import typer
 
 from bench.catalogue.plugins import OUR_IDS
 from bench.commands.options import path_option
-from bench.records.run_folder import not_writable
+from bench.records.folder import not_writable
 from data_prep.failures import BadInput, CannotWrite
 from data_prep.plugins import announced, is_id
 

@@ -15,8 +15,7 @@ import typer
 from numpy.typing import NDArray
 
 from bench.catalogue.chosen import budget_ms_of
-from bench.catalogue.method import ANY_SIZE, allow_modules
-from bench.catalogue.methods import RECOMMENDED
+from bench.catalogue.methods import ANY_SIZE, RECOMMENDED, allow_modules
 from bench.commands.options import OptionSpec, options_from_dataclass, path_argument
 from bench.draw.choice import (
     Notes,

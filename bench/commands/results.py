@@ -13,8 +13,8 @@ import pandas as pd
 import typer
 
 from bench.analysis import intervals
-from bench.analysis.paired import undecided
-from bench.analysis.scored_run import read_run
+from bench.analysis.differences import undecided
+from bench.analysis.run import read_run
 from bench.commands.options import (
     Format,
     FormatOption,
@@ -23,7 +23,7 @@ from bench.commands.options import (
     path_argument,
     path_option,
 )
-from bench.records.run_folder import locked_run
+from bench.records.folder import locked_run
 from bench.running.options import file_name
 from bench.tables.grid import row_mappings
 from bench.tables.markdown import visible
@@ -127,7 +127,7 @@ def compare(
     ] = None,
 ) -> None:
     """Compare two runs, or two methods of one, object by object: who is ahead, and is it shown."""
-    from bench.analysis.run_pairs import compare_methods, compare_runs
+    from bench.analysis.pairs import compare_methods, compare_runs
     from bench.commands.printing import in_format
     from bench.report.run_figures import write_differences
     from bench.tables.differences import comparison_lines, differences_table

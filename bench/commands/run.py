@@ -12,7 +12,7 @@ import typer
 
 from bench.catalogue.chosen import MeasuredMethod, measured_methods
 from bench.catalogue.lookup import find
-from bench.catalogue.method import allow_modules
+from bench.catalogue.methods import allow_modules
 from bench.catalogue.plugins import find_metric
 from bench.catalogue.suites import ALL_SUITES, TRUTHS, Suite
 from bench.commands.config import ConfigOption, refuse_other_objects

@@ -9,7 +9,7 @@ from typing import Annotated
 
 import typer
 
-from bench.analysis.scored_run import read_run
+from bench.analysis.run import read_run
 from bench.catalogue.loaders import chosen_device
 from bench.catalogue.metrics import FURTHER_METRICS, extractor_of
 from bench.catalogue.plugins import find_metric

@@ -11,7 +11,7 @@ from typing import Any
 
 import pandas as pd
 
-from bench.analysis.scored_run import Run, full_frame, unmeasured
+from bench.analysis.run import Run, full_frame, unmeasured
 from bench.catalogue.metrics import is_mean
 from bench.catalogue.suites import stored_suite
 from bench.running.run import PartialRun, Watch

@@ -12,13 +12,12 @@ from typing import Any, Literal, cast, get_args
 import numpy as np
 from numpy.typing import NDArray
 
-from bench.catalogue.method import ANY_SIZE
-from bench.catalogue.methods import find_method
+from bench.catalogue.methods import ANY_SIZE, find_method
 from bench.catalogue.suites import Limits
 from bench.draw.choice import Notes, check_draws_colours, find_drawer
 from bench.draw.finish import guessed_coverage, resized, without_background
 from bench.draw.thread import on_drawing_thread, one_pool
-from bench.running.isolation import WorkerFailure, run_tasks
+from bench.running.pool import WorkerFailure, run_tasks
 from bench.running.work import draw, load_renderer, reason_of
 from data_prep.clouds.coarse_steps import note_on_steps
 from data_prep.clouds.far_points import far_points, note_on_far

@@ -357,7 +357,7 @@ def left_out_distances(a: JackknifeMoments, b: JackknifeMoments) -> Floats:
 
     Blocks are those of `object_blocks`: single objects up to `EXACT_OBJECTS`. All NaN where a block
     leaves fewer than two rows of a set. Intervals are made from them by
-    `bench.analysis.distances.Distance`. With fewer rows than features the products of rows
+    `bench.analysis.sets.Distance`. With fewer rows than features the products of rows
     are shared: g times the singular values of [n, m].
     """
     names, block = object_blocks(np.concatenate([np.unique(a.groups), np.unique(b.groups)]))

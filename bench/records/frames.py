@@ -14,8 +14,19 @@ import pyarrow as pa
 import pyarrow.parquet as pq
 from numpy.typing import NDArray
 
-from bench.records.job import IMAGES, JobName, Result, unpack
-from bench.records.record import COLUMNS, JOB, OF_VIEWS, RECORDS_VERSION, SCORES, TIMES, TYPES
+from bench.records.job import (
+    COLUMNS,
+    IMAGES,
+    JOB,
+    OF_VIEWS,
+    RECORDS_VERSION,
+    SCORES,
+    TIMES,
+    TYPES,
+    JobName,
+    Result,
+    unpack,
+)
 from bench.records.store import STORE, JobRow, ScoredMetric, Store, open_store
 from data_prep.arrays import Floats, Floats32
 from data_prep.failures import BadInput

@@ -1,4 +1,7 @@
-"""Jobs, their results and the times of their parts: plain values that cross processes."""
+"""Jobs, their results and the columns of their records: plain values that cross processes.
+
+A record is a row of `records.parquet`: one image by a suite, method, condition, object and view.
+"""
 
 from __future__ import annotations
 
@@ -13,13 +16,31 @@ from typing import Any, NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
-from bench.records.record import GROUND_TRUTH, OF_VIEWS
 from data_prep.arrays import Floats
 from data_prep.clouds.conditions import Perturbation
 from data_prep.datasets.objects import SceneObject
 from data_prep.failures import BadInput
 from data_prep.files.safe_read import MIB
 from data_prep.scene import View
+
+SCHEMA_VERSION = 5  # of the manifest; others are refused, never guessed at
+RECORDS_VERSION = 4  # of what a job gives, in the key of every job and in `records.parquet`
+
+CLAIMED = "times as claimed"  # in the notes of records of images that were drawn elsewhere
+GROUND_TRUTH = "ground-truth"  # stands where a method's id stands, in features and images
+JOB = ["method", "condition", "class", "object"]  # the columns that name a job
+TIMES = ("prepare_s", "draw_s")  # the columns that differ from run to run
+SCORES = (
+    *("ssim", "luminance", "contrast", "structure", "psnr", "ssim_object"),
+    *("silhouette_iou", "thin_recall", "thin_precision", "lpips"),
+)
+OF_VIEWS = ("azimuth_deg", "elevation_deg", *SCORES)
+COLUMNS = (  # of `records.parquet`
+    *("suite", *JOB, "view", "azimuth_deg", "elevation_deg", "outcome", "reason", "notes"),
+    *(*SCORES, *TIMES),
+)
+TYPES = {"view": "int32", **dict.fromkeys((*OF_VIEWS, *TIMES), "float64")}  # of all but text
+
 
 IMAGES = "images"  # beside the ids of extractors, whose features are arrays of a job, too
 MOST_BYTES = 512 * MIB  # of an array: ten thousand images

@@ -31,8 +31,18 @@ from typing import Any, NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
-from bench.records.job import IMAGES, MOST_BYTES, MOST_TEXT, JobName, Result, stored_text, unpack
-from bench.records.record import GROUND_TRUTH, JOB, OF_VIEWS
+from bench.records.job import (
+    GROUND_TRUTH,
+    IMAGES,
+    JOB,
+    MOST_BYTES,
+    MOST_TEXT,
+    OF_VIEWS,
+    JobName,
+    Result,
+    stored_text,
+    unpack,
+)
 from data_prep.arrays import Floats
 from data_prep.failures import BadInput, CannotWrite
 from data_prep.files.safe_read import is_regular_file
@@ -442,7 +452,7 @@ def _forget(execute: Callable[..., sqlite3.Cursor], where: str, value: object) -
 def open_store(directory: Path, *, write: bool = False) -> Iterator[Store]:
     """Yield the store of a run's folder; an empty one where it has none and is only read.
 
-    To write, the process holds the folder's lock (`bench.records.run_folder`). Raises BadInput for
+    To write, the process holds the folder's lock (`bench.records.folder`). Raises BadInput for
     a file that is no store, is damaged, or of another version, and CannotWrite.
     """
     path = directory / STORE

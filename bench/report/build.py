@@ -13,21 +13,19 @@ from typing import Any
 import pandas as pd
 from threadpoolctl import threadpool_limits
 
-from bench.analysis.comparison import ALL, compared, pooled
+from bench.analysis.compare import ALL, compared, pooled
+from bench.analysis.differences import verdicts_of
 from bench.analysis.frontier import frontier_verdicts
-from bench.analysis.paired import verdicts_of
-from bench.analysis.scored_run import in_order
+from bench.analysis.run import in_order
 from bench.catalogue.conditions import condition_words, known_condition
 from bench.catalogue.images import entered_claims
-from bench.catalogue.method import is_module_name
-from bench.catalogue.methods import find_method, known_method, role
+from bench.catalogue.methods import find_method, is_module_name, known_method, role
 from bench.catalogue.metrics import METRICS, column, declared_metric
 from bench.catalogue.suites import TRUTHS, Suite, Truth
 from bench.records.frames import read_jobs
-from bench.records.job import JobName
-from bench.records.record import TIMES
-from bench.report.headline import compact_table
-from bench.report.images import cases, extremes, grids, shown_objects
+from bench.records.job import TIMES, JobName
+from bench.report.answer import Statement, compact_table, counted, in_short, objects_in_words
+from bench.report.images import cases, extremes, grids, open_sources, shown_objects
 from bench.report.page import inline, rendered
 from bench.report.plots import SweepPanel
 from bench.report.run_figures import (
@@ -39,9 +37,7 @@ from bench.report.run_figures import (
     quality_frame,
     quality_panels,
 )
-from bench.report.stored import open_sources
 from bench.report.styles import method_styles
-from bench.report.summary import Statement, counted, in_short, objects_in_words
 from bench.tables.build import Outputs, how_timed
 from bench.tables.frontier import cost_grid
 from bench.tables.table import Table

@@ -12,7 +12,7 @@ from typing import TYPE_CHECKING, Any
 from xml.etree import ElementTree
 from xml.etree.ElementTree import Element
 
-from bench.report.figure import drawing
+from bench.report.plots import drawing
 from bench.report.styles import HUES, INK, PAPER, RULE, SHADE, SOFT
 from bench.tables.markdown import visible
 

@@ -6,26 +6,81 @@ Better is up, of dots to the right. What is worse than a white image is shaded.
 from __future__ import annotations
 
 import math
-from collections.abc import Container, Mapping, Sequence
+import warnings
+from collections.abc import Container, Iterator, Mapping, Sequence
+from contextlib import contextmanager
 from dataclasses import dataclass, field
 from itertools import pairwise
+from pathlib import Path
 from typing import TYPE_CHECKING, Any, Literal
 
 import numpy as np
 import pandas as pd
+from numpy.typing import NDArray
 
-from bench.analysis.comparison import ALL
+from bench.analysis.compare import ALL
 from bench.analysis.paper import AVERAGE
 from bench.catalogue.lookup import family_of
 from bench.catalogue.methods import FLOOR, find_setting, role
 from bench.catalogue.metrics import IMAGE_METRICS, higher_is_better
-from bench.report.figure import TEXT, WIDTH_IN, drawing, panels
 from bench.report.styles import INK, PAPER, RULE, SHADE, SOFT, MethodStyle
 from bench.tables.grid import ordered
 from bench.tables.markdown import visible
+from data_prep.files.atomic_write import atomic_write
 
 if TYPE_CHECKING:
     from matplotlib.figure import Figure
+
+FIGURES = "figures"  # folder of figures in that of a run
+DPI = 110  # pixels per inch of a PNG
+# Figures fit a page: they are 800 px wide, sheets of images at most 1,600 px high.
+WIDTH_IN, MOST_HIGH_IN = 800 / DPI, 1600 / DPI
+TEXT = 8.0  # points, the smallest in a figure
+# Text of an SVG stays text, its ids are the same every time, and a $ in a name is a $.
+_STYLE: dict[Any, Any] = {
+    "svg.fonttype": "none",
+    "svg.hashsalt": "pc2pix-bench",
+    "text.parse_math": False,
+}
+
+Image = NDArray[np.uint8]
+
+
+@contextmanager
+def drawing() -> Iterator[None]:
+    """Set the style of figures; names are drawn as they stand, whatever their characters are."""
+    import matplotlib as mpl
+
+    with mpl.rc_context(_STYLE), warnings.catch_warnings():
+        warnings.filterwarnings("ignore", "Glyph .* missing from font", UserWarning)
+        yield
+
+
+def panels(
+    rows: int,
+    columns: int,
+    size_in: tuple[float, float],
+    *,
+    layout: str | None = "constrained",
+    **shared: Any,
+) -> tuple[Figure, NDArray[Any]]:
+    """Return a figure of `size_in` inches (width, height) and its axes [rows, columns]."""
+    from matplotlib.figure import Figure
+
+    figure = Figure(figsize=size_in, layout=layout)  # type: ignore[arg-type]
+    return figure, figure.subplots(rows, columns, squeeze=False, **shared)
+
+
+def save(figure: Figure, path: Path, dpi: float = DPI) -> None:
+    """Write a figure as the suffix says, PNG or SVG; the same figure gives the same bytes.
+
+    Raises OSError.
+    """
+    kind = path.suffix.removeprefix(".")
+    metadata = {"Date": None} if kind == "svg" else None
+    with drawing(), atomic_write(path) as new:
+        figure.savefig(new, format=kind, dpi=dpi, metadata=metadata)
+
 
 Styles = Mapping[str, MethodStyle]
 Scale = Literal["linear", "log", "distance"]

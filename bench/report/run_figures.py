@@ -10,29 +10,30 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 import pandas as pd
 
-from bench.analysis.comparison import VALUE, milliseconds
-from bench.analysis.condition_sweep import FAMILY_BY_ID, axis_position
+from bench.analysis.compare import VALUE, milliseconds
+from bench.analysis.pairs import Differences
 from bench.analysis.paper import PAPER_METRIC, PAPER_NETWORK, SURFACE, Published, network_of
-from bench.analysis.run_pairs import Differences
+from bench.analysis.sweeps import FAMILY_BY_ID, axis_position
 from bench.catalogue.conditions import Family, axis_positions, condition_name, condition_words
 from bench.catalogue.methods import COST_VARIANTS, find_setting, role
 from bench.catalogue.metrics import FURTHER_METRICS, IMAGE_METRICS, higher_is_better, is_mean
 from bench.records.frames import Artifact
-from bench.records.job import JobName
-from bench.records.record import GROUND_TRUTH
-from bench.report.figure import FIGURES, TEXT, save
+from bench.records.job import GROUND_TRUTH, JobName
+from bench.report.answer import counted
 from bench.report.plots import (
+    FIGURES,
+    TEXT,
     Styles,
     SweepPanel,
     axis_title,
     dots_figure,
     frontier_figure,
     grouped,
+    save,
     sweep_figure,
 )
 from bench.report.sheets import write_classes, write_images, write_thin_parts
 from bench.report.styles import HUES, SOFT, MethodStyle, method_styles
-from bench.report.summary import counted
 from bench.tables.grid import metric_cell, ordered, row_mappings, scored_as_blank
 from bench.tables.markdown import visible
 from bench.tables.quality import quality_cell
@@ -157,7 +158,7 @@ def quality_figure(shown: Sequence[SweepPanel], styles: Styles, **size: Any) -> 
 def family_panels(curves: pd.DataFrame) -> list[SweepPanel]:
     """Return a panel for each metric and class (down) and family of conditions (across).
 
-    `curves` are as `bench.analysis.condition_sweep.condition_curves` returns them.
+    `curves` are as `bench.analysis.sweeps.condition_curves` returns them.
     """
     curves = curves[[role(method) != "ceiling" for method in curves["method"]]]
     several, names = curves["class"].nunique() > 1, ordered(curves["family"])

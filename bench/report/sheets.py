@@ -20,9 +20,8 @@ from bench.metrics.silhouette import object_boxes
 from bench.metrics.structural_similarity import ssim_per_image
 from bench.metrics.thin_parts import evaluated
 from bench.records.frames import Artifact
-from bench.records.job import JobName
-from bench.records.record import GROUND_TRUTH
-from bench.report.figure import MOST_HIGH_IN, TEXT, WIDTH_IN, Image, drawing, panels, save
+from bench.records.job import GROUND_TRUTH, JobName
+from bench.report.plots import MOST_HIGH_IN, TEXT, WIDTH_IN, Image, drawing, panels, save
 from bench.report.styles import rivals
 from bench.tables.grid import ordered
 from bench.tables.markdown import visible

@@ -18,8 +18,8 @@ from importlib.metadata import PackageNotFoundError, version
 from pathlib import Path
 from typing import Any
 
-from bench.running.isolation import WORKER_ENVIRONMENT
-from bench.running.worker_process import own_python
+from bench.running.pool import WORKER_ENVIRONMENT
+from bench.running.worker import own_python
 from data_prep.failures import MissingDependency
 
 ROOT = Path(__file__).resolve().parents[2]

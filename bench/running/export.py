@@ -19,10 +19,10 @@ from bench.catalogue.conditions import ALL
 from bench.catalogue.lookup import find
 from bench.catalogue.methods import FLOOR
 from bench.catalogue.suites import SUITES, TRUTHS
-from bench.records.run_folder import COLOURED, not_writable
-from bench.running.isolation import WorkerFailure, run_tasks
+from bench.records.folder import COLOURED, not_writable
 from bench.running.options import Options, workers_of
 from bench.running.plan import ObjectJobs, plan
+from bench.running.pool import WorkerFailure, run_tasks
 from bench.running.protocol import Protocol
 from bench.running.work import cloud_under
 from data_prep.clouds.conditions import CONDITIONS

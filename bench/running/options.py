@@ -12,7 +12,7 @@ from unicodedata import category, normalize
 
 from bench.catalogue.loaders import GPU, chosen_device
 from bench.catalogue.suites import Suite, Truth
-from bench.records.run_folder import COLOURED
+from bench.records.folder import COLOURED
 from bench.running.environment import cores
 from data_prep.datasets.registry import Dataset
 from data_prep.failures import BadInput

@@ -19,8 +19,7 @@ from typing import Any
 
 from bench.catalogue.conditions import find_condition
 from bench.catalogue.methods import Method
-from bench.records.job import Job, Result, failed
-from bench.records.record import GROUND_TRUTH, RECORDS_VERSION
+from bench.records.job import GROUND_TRUTH, RECORDS_VERSION, Job, Result, failed
 from bench.records.store import Store
 from bench.running.protocol import Protocol, name_of
 from data_prep.clouds.conditions import Condition, Unchanged

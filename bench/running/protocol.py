@@ -11,13 +11,13 @@ from bench.catalogue.conditions import find_condition
 from bench.catalogue.images import address_of, manifest_entry
 from bench.catalogue.loaders import GPU
 from bench.catalogue.lookup import find
-from bench.catalogue.method import is_module_name
 from bench.catalogue.method_files import told_files
 from bench.catalogue.methods import (
     FLOOR,
     RECOMMENDED,
     Method,
     find_run_method,
+    is_module_name,
     objectives,
 )
 from bench.catalogue.metrics import FID, WeightsUnavailable, find_extractor, metrics_device
@@ -32,9 +32,9 @@ from bench.catalogue.suites import (
     with_truth,
 )
 from bench.metrics.inception_weights import DOWNLOAD, WEIGHTS_SHA256
-from bench.records.record import SCHEMA_VERSION
-from bench.records.run_folder import CONDITION_IDENTITIES, FIXED
-from bench.records.run_folder import PROTOCOL as PROTOCOL_ENTRY
+from bench.records.folder import CONDITION_IDENTITIES, FIXED
+from bench.records.folder import PROTOCOL as PROTOCOL_ENTRY
+from bench.records.job import SCHEMA_VERSION
 from bench.running.environment import environment, machine_info
 from bench.running.options import Options, device_of, refuse_values, seed_of
 from data_prep.datasets.objects import SceneObject

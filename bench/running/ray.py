@@ -25,8 +25,8 @@ from bench.catalogue.methods import find_run_method
 from bench.catalogue.suites import Limits
 from bench.records.job import Job, Result, failed
 from bench.running.environment import CODE, code_sha256, environment, versions
-from bench.running.isolation import QUEUED
 from bench.running.options import LOCAL
+from bench.running.pool import QUEUED
 from bench.running.protocol import Protocol, method_identity, name_of
 from bench.running.work import JobPool
 from data_prep.datasets.objects import SceneObject

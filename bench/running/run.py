@@ -16,11 +16,8 @@ from typing import Any, Generic, TypeVar
 import pandas as pd
 
 from bench.catalogue.chosen import MeasuredMethod, cost_of
-from bench.catalogue.method import is_module_name
-from bench.records.frames import job_frame, write_records
-from bench.records.job import shares, tenths, timed
-from bench.records.record import GROUND_TRUTH
-from bench.records.run_folder import (
+from bench.catalogue.methods import is_module_name
+from bench.records.folder import (
     MANIFEST,
     check_directory,
     open_folder,
@@ -28,6 +25,8 @@ from bench.records.run_folder import (
     set_aside,
     write_manifest,
 )
+from bench.records.frames import job_frame, write_records
+from bench.records.job import GROUND_TRUTH, shares, tenths, timed
 from bench.records.store import STORE, Store, unpacked_environment
 from bench.running.environment import (
     ENVIRONMENTS,
@@ -45,7 +44,6 @@ from bench.running.folder import (
     read_held,
     stated_request,
 )
-from bench.running.isolation import QUEUED, Executor
 from bench.running.options import LOCAL, Options, workers_of
 from bench.running.plan import (
     START_S,
@@ -58,6 +56,7 @@ from bench.running.plan import (
     seeded_turns,
     settled,
 )
+from bench.running.pool import QUEUED, Executor
 from bench.running.protocol import Protocol
 from bench.running.ray import RayPool, connected
 from bench.running.work import JobPool, do_and_store

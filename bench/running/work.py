@@ -27,6 +27,8 @@ from bench.catalogue.metrics import (
 from bench.catalogue.suites import Limits
 from bench.metrics.image_scores import scores
 from bench.records.job import (
+    CLAIMED,
+    GROUND_TRUTH,
     IMAGES,
     Job,
     Result,
@@ -37,9 +39,8 @@ from bench.records.job import (
     timed,
     unpack,
 )
-from bench.records.record import CLAIMED, GROUND_TRUTH
 from bench.records.store import Store
-from bench.running.isolation import TASKS_PER_WORKER, Executor, TaskPool, WorkerFailure, submit_all
+from bench.running.pool import TASKS_PER_WORKER, Executor, TaskPool, WorkerFailure, submit_all
 from data_prep.clouds.conditions import Unchanged
 from data_prep.clouds.far_points import note_on_scale
 from data_prep.datasets.exported import UNPERTURBED, ExportedObject
@@ -300,7 +301,7 @@ class _Step:
 
 
 class JobPool:
-    """An executor (`bench.running.isolation`) of jobs in worker processes of this machine.
+    """An executor (`bench.running.pool`) of jobs in worker processes of this machine.
 
     At most `workers` of them are at work, and not more than there are jobs to come (`count`). A job
     that takes more than its limits or whose process dies becomes failed records; one that takes too

@@ -10,9 +10,9 @@ from typing import TYPE_CHECKING, Any
 
 from bench.catalogue.methods import find_method, objectives
 from bench.catalogue.suites import Procedure
-from bench.records.run_folder import MANIFEST, read_manifest
+from bench.records.folder import MANIFEST, read_manifest
 from bench.records.store import Store
-from bench.report.figure import FIGURES, save
+from bench.report.plots import FIGURES, save
 from bench.running.environment import environment_changes, environment_of
 from bench.running.options import Options, refuse, refuse_values
 from bench.running.protocol import manifest_of

@@ -10,26 +10,23 @@ import numpy as np
 import pandas as pd
 from threadpoolctl import threadpool_limits
 
-from bench.analysis.comparison import compared
-from bench.analysis.condition_sweep import condition_curves, condition_leads
-from bench.analysis.distances import ImageSet
+from bench.analysis.compare import compared
+from bench.analysis.differences import verdicts_of
 from bench.analysis.frontier import frontier_verdicts, thinned_clouds
-from bench.analysis.orderings import orderings
-from bench.analysis.paired import verdicts_of
-from bench.analysis.paper import Published
-from bench.analysis.scored_run import Run
+from bench.analysis.paper import Published, orderings
+from bench.analysis.run import Run
+from bench.analysis.sets import ImageSet
+from bench.analysis.sweeps import condition_curves, condition_leads
 from bench.analysis.tails import INVENTED, tail_images, tail_rows
 from bench.catalogue.images import ENTERED
 from bench.catalogue.suites import Suite
+from bench.records.folder import PROTOCOL
 from bench.records.frames import scored_metrics
-from bench.records.record import TIMES
-from bench.records.run_folder import PROTOCOL
+from bench.records.job import TIMES
 from bench.tables import markdown
-from bench.tables.condition_sweep import condition_sweep_table
 from bench.tables.frontier import frontier_table, points_table
 from bench.tables.grid import grid
-from bench.tables.orderings import orderings_table
-from bench.tables.published import published
+from bench.tables.paper import orderings_table, published
 from bench.tables.quality import (
     HEADLINE_TABLE,
     QUALITY_TABLES,
@@ -37,6 +34,7 @@ from bench.tables.quality import (
     headline,
     metric_table_name,
 )
+from bench.tables.sweeps import condition_sweep_table
 from bench.tables.table import Table, of_protocol, remove_stale, write_tables
 from bench.tables.tails import TAILS, tails_table
 from data_prep.files.atomic_write import write_whole

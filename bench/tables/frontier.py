@@ -10,12 +10,12 @@ from typing import Any
 import numpy as np
 import pandas as pd
 
-from bench.analysis.comparison import COST, IMAGE_SET, VALUE, Estimate, milliseconds
+from bench.analysis.compare import COST, IMAGE_SET, VALUE, Estimate, milliseconds
+from bench.analysis.differences import Verdicts
 from bench.analysis.frontier import FRONTIER, LOST, POINTS, frontier_verdicts
-from bench.analysis.paired import Verdicts
 from bench.catalogue.methods import role
 from bench.catalogue.suites import TableSpec
-from bench.records.record import TIMES
+from bench.records.job import TIMES
 from bench.tables import markdown
 from bench.tables.grid import (
     DASH,

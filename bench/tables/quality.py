@@ -16,7 +16,7 @@ from typing import Any
 import pandas as pd
 from threadpoolctl import threadpool_limits
 
-from bench.analysis.comparison import NAN, is_better
+from bench.analysis.compare import NAN, is_better
 from bench.analysis.digits import decimals
 from bench.analysis.intervals import may_miss
 from bench.analysis.paper import (
@@ -27,8 +27,8 @@ from bench.analysis.paper import (
     network_of,
     published_value,
 )
-from bench.analysis.scored_run import Run
-from bench.analysis.scores import (
+from bench.analysis.run import Run
+from bench.analysis.values import (
     HIDDEN,
     class_rows,
     image_rows,
@@ -40,9 +40,9 @@ from bench.catalogue.chosen import CHOSEN
 from bench.catalogue.methods import role, training_objects
 from bench.catalogue.metrics import JUDGE, higher_is_better, is_mean
 from bench.catalogue.suites import TableKind, TableSpec
+from bench.records.folder import PROTOCOL
 from bench.records.frames import read_scores, scored_metrics
-from bench.records.record import GROUND_TRUTH
-from bench.records.run_folder import PROTOCOL
+from bench.records.job import GROUND_TRUTH
 from bench.tables import markdown
 from bench.tables.grid import (
     BEST,
@@ -249,7 +249,7 @@ def quality_table(spec: TableSpec, rows: pd.DataFrame, remark: str = "") -> Tabl
     """Return the table of a frame of values.
 
     spec    name, title and kind of the table
-    rows    as the functions of `bench.analysis.scores` return them
+    rows    as the functions of `bench.analysis.values` return them
     remark  what a reader has to know to read it
 
     Several classes at one condition are a line each. In the paper's layout they are shown in its

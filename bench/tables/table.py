@@ -17,7 +17,7 @@ from pathlib import Path
 import pandas as pd
 
 from bench.catalogue.suites import TRUTHS, Suite
-from bench.records.run_folder import COLOURED, TRUTH
+from bench.records.folder import COLOURED, TRUTH
 from bench.tables import latex, markdown
 from bench.tables.grid import Block, Grid, row_mappings
 from data_prep.files.atomic_write import write_whole

@@ -8,7 +8,7 @@ from typing import Any
 
 import pandas as pd
 
-from bench.analysis.comparison import NAN
+from bench.analysis.compare import NAN
 from bench.analysis.digits import decimals
 from bench.analysis.tails import INVENTED
 from bench.catalogue.methods import role

@@ -13,7 +13,7 @@ import numpy as np
 import pytest
 
 from bench.catalogue.methods import BUNDLED, FLOORS, find_method
-from bench.running.isolation import WORKER_ENVIRONMENT
+from bench.running.pool import WORKER_ENVIRONMENT
 from data_prep.failures import StageFailure
 from data_prep.rendering.images import to_float
 from data_prep.rendering.mesh import draw_mesh
@@ -34,7 +34,7 @@ ORDERLESS = (
 )
 # How far `features` may move on another machine. Where meshes are drawn, another driver or
 # ray-caster samples edges elsewhere: a turn of all views by 0.1 degree, as in
-# bench/checking/tolerances.py, moves them by up to 1.2e-4 (`open3d-poisson`). Another
+# bench/check/tolerances.py, moves them by up to 1.2e-4 (`open3d-poisson`). Another
 # processor rounds elsewhere, and MeshLab's normals are ill-conditioned: points moved to a
 # neighbouring float32, or not, at random, do it by up to 8.5e-5 (`poisson`). Three times the larger
 # is allowed. Other methods move by up to 1.2e-5 (`splat-net`), and by 6e-7 with the kernels of

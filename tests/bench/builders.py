@@ -21,9 +21,9 @@ import pytest
 from harness_objects import Tetrahedron
 
 from bench import finish
-from bench.analysis.distances import Distance
-from bench.analysis.scored_run import Run, full_frame, read_run
-from bench.analysis.scores import EMPTY_VALUES, HIDDEN, VALUE_COLUMNS
+from bench.analysis.run import Run, full_frame, read_run
+from bench.analysis.sets import Distance
+from bench.analysis.values import EMPTY_VALUES, HIDDEN, VALUE_COLUMNS
 from bench.catalogue.methods import FLOORS
 from bench.catalogue.metrics import IMAGE_METRICS, column
 from bench.catalogue.suites import SUITES, Suite, TableSpec
@@ -35,10 +35,20 @@ from bench.metrics.frechet import (
     object_blocks,
 )
 from bench.metrics.kernel_distance import KernelSet, kernel_distances
+from bench.records.folder import open_folder, write_manifest
 from bench.records.frames import Artifact, job_frame, read_records, write_records
-from bench.records.job import Job, JobName, Result, pack, pack_views, unpack
-from bench.records.record import COLUMNS, GROUND_TRUTH, SCHEMA_VERSION, TYPES
-from bench.records.run_folder import open_folder, write_manifest
+from bench.records.job import (
+    COLUMNS,
+    GROUND_TRUTH,
+    SCHEMA_VERSION,
+    TYPES,
+    Job,
+    JobName,
+    Result,
+    pack,
+    pack_views,
+    unpack,
+)
 from bench.records.store import STORE
 from bench.running.options import Options
 from bench.running.protocol import Protocol, find_methods

@@ -142,7 +142,7 @@ def finished(arguments, tmp_path_factory):
 @pytest.fixture(scope="module")
 def same_machine(finished):
     """Give runs of this process the environment of that run, and no weights for fid."""
-    from bench.records.run_folder import read_manifest
+    from bench.records.folder import read_manifest
 
     environment = read_manifest(finished[0])["environment"]
     with pytest.MonkeyPatch.context() as patch:

@@ -6,7 +6,7 @@ from math import isfinite, nan
 
 import pandas as pd
 
-from bench.analysis.run_pairs import IMAGES_OF, Differences
+from bench.analysis.pairs import IMAGES_OF, Differences
 from bench.catalogue.suites import TRUTHS
 
 

@@ -16,7 +16,7 @@ import pytest
 
 from bench.catalogue.suites import Limits
 from bench.cli import _interrupt_handler, main
-from bench.running.isolation import run_tasks
+from bench.running.pool import run_tasks
 from data_prep.failures import BadInput
 from learning.divergence import TrainingDiverged
 
@@ -116,9 +116,7 @@ def test_what_other_systems_lack_is_told_in_a_line(monkeypatch, capsys):
 
 def test_a_script_without_a_main_guard_is_told_so(tmp_path):
     """Its workers load it again, and say no word of their own about that."""
-    calls = (
-        "from bench.running.isolation import run_tasks\nfrom bench.catalogue.suites import Limits\n"
-    )
+    calls = "from bench.running.pool import run_tasks\nfrom bench.catalogue.suites import Limits\n"
     calls += "print(*run_tasks(range(3), abs, 2, Limits(60.0, 8.0)))\n"
     script = tmp_path / "script.py"
     script.write_text(calls)

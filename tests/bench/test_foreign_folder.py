@@ -11,7 +11,7 @@ import pytest
 
 from bench.catalogue.suites import Limits
 from bench.running.environment import environment
-from bench.running.isolation import run_tasks
+from bench.running.pool import run_tasks
 
 RUN = (
     *("run", "--suite", "chair-robustness", "--limit", "1", "--methods", "splat,blank"),

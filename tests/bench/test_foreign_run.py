@@ -12,8 +12,8 @@ from typing import Any
 import numpy as np
 import pytest
 
+from bench.records.folder import load_manifest, read_finished
 from bench.records.frames import read_jobs
-from bench.records.run_folder import load_manifest, read_finished
 from data_prep.failures import BadInput
 
 from .builders import EXTRACTORS, make_manifest, rewrite, write_run

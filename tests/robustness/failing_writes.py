@@ -39,12 +39,12 @@ import pyarrow.parquet as pq
 
 import bench.running.protocol
 import bench.running.run
-from bench.analysis.scored_run import read_run
+from bench.analysis.run import read_run
 from bench.catalogue.suites import Limits
 from bench.commands.terminal import LiveTable, Terminal
 from bench.judges import views as _loaded_before_forks  # noqa: F401
+from bench.records.folder import open_folder, open_store, read_manifest
 from bench.records.job import Job, Result
-from bench.records.run_folder import open_folder, open_store, read_manifest
 from bench.records.store import STORE, Store
 from bench.running.environment import environment
 from bench.running.options import Options
@@ -62,7 +62,7 @@ WRITING = os.O_WRONLY | os.O_RDWR
 
 
 class InProcess:
-    """An executor that does jobs in this process, made as `bench.running.isolation.JobPool` is."""
+    """An executor that does jobs in this process, made as `bench.running.pool.JobPool` is."""
 
     capacity = 1
 

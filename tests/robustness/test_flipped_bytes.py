@@ -18,10 +18,10 @@ import numpy as np
 import pytest
 
 from bench.catalogue.suites import Limits
+from bench.records.folder import open_folder, open_store
 from bench.records.frames import read_features, read_records, read_scores
-from bench.records.run_folder import open_folder, open_store
 from bench.records.store import STORE, ScoredMetric
-from bench.running.isolation import WorkerFailure, run_tasks
+from bench.running.pool import WorkerFailure, run_tasks
 from data_prep.failures import BadInput
 
 STORED = Path(__file__).parents[1] / "bench" / "data" / "stored-run"

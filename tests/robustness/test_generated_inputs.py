@@ -15,7 +15,7 @@ from hypothesis import HealthCheck, given, settings
 from hypothesis import strategies as st
 
 from bench.catalogue.methods import find_method
-from bench.running.isolation import TaskPool
+from bench.running.pool import TaskPool
 from bench.running.work import checked_images, draw, load_renderer, reason_of
 from bench.suites.stability.cases import CASES
 from bench.suites.stability.expectations import EXACT_MEAN, Agrees, Either, Fails, expectation

@@ -7,7 +7,7 @@ from pathlib import Path
 
 import pytest
 
-from bench.analysis.comparison import milliseconds
+from bench.analysis.compare import milliseconds
 from bench.catalogue.chosen import measured_methods
 from studies.leaderboard import ResultGroup, board, show
 

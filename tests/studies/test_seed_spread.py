@@ -6,7 +6,7 @@ import pandas as pd
 import pytest
 
 from bench.catalogue.methods import find_method
-from bench.tables.published import RESULTS
+from bench.tables.paper import RESULTS
 from data_prep.files.checksums import file_sha256
 from studies.seed_spread import spreads
 

@@ -28,7 +28,7 @@ from numpy.typing import NDArray
 from baselines.reconstruction.meshlab import MeshLab
 from baselines.reconstruction.surface import MAX_HOLE_EDGES, NORMAL_NEIGHBOURS
 from bench.catalogue.suites import Limits
-from bench.running.isolation import WORKER_ENVIRONMENT, WorkerFailure, run_tasks
+from bench.running.pool import WORKER_ENVIRONMENT, WorkerFailure, run_tasks
 from data_prep.scene import NEUTRAL_GREY
 
 pytestmark = pytest.mark.slow
@@ -185,7 +185,7 @@ def count_bad(rows: Points) -> int:
 
 @defect(
     r"^(\w{8}) and \1 over zeros, (?!\1)\w{8} over another fill$",
-    "bench.running.isolation.WORKER_ENVIRONMENT",
+    "bench.running.pool.WORKER_ENVIRONMENT",
 )
 def pymeshlab_apss_reads_unwritten_memory() -> str:
     """The result of APSS depends on what memory held before."""

@@ -21,8 +21,8 @@ from bench.judges import VIEWS_WEIGHTS
 from bench.judges.views import load_views_network
 from bench.records.store import Store
 from bench.running.environment import environment
-from bench.running.isolation import library_threads
 from bench.running.options import Options
+from bench.running.pool import library_threads
 from bench.suites.latent.chairs import (
     ALL,
     ChairPair,

@@ -16,9 +16,9 @@ from bench.catalogue.conditions import find_condition
 from bench.catalogue.methods import find_method
 from bench.records.store import Store
 from bench.running.environment import CODE, code_sha256, cores, environment
-from bench.running.isolation import WorkerFailure, run_tasks, thread_counts
 from bench.running.options import Options, seed_of
 from bench.running.plan import digest
+from bench.running.pool import WorkerFailure, run_tasks, thread_counts
 from bench.running.protocol import method_identity
 from bench.suites.procedure import SuiteRun, methods_of, run_suite, suite_manifest
 from bench.suites.speed.measure import (
@@ -39,14 +39,14 @@ from bench.suites.speed.tables import (
     samples_table,
     speed_table,
 )
-from bench.tables.published import published
+from bench.tables.paper import published
 from data_prep.datasets.registry import SceneObject, open_dataset
 from data_prep.progress import log, progress
 
 
 def measure_alone(unit: Unit, run_tasks: Callable[..., Any] = run_tasks) -> Measurement:
     """Return the measurement of a unit in a fresh process, or of its failure if lost."""
-    # Memory is not filled as in other suites (`bench.running.isolation`): reconstruction is the
+    # Memory is not filled as in other suites (`bench.running.pool`): reconstruction is the
     # same twice with it, and encoding a cloud a third slower.
     environment = thread_counts(unit.threads)
     ((_, result),) = run_tasks([unit], measure, 1, unit.suite.limits, environment)

@@ -9,7 +9,7 @@ import numpy as np
 import pandas as pd
 from numpy.typing import NDArray
 
-from bench.report.figure import drawing, panels
+from bench.report.plots import drawing, panels
 from bench.suites.stability.expectations import KINDS
 from bench.tables.grid import ordered
 from data_prep.scene import IMAGE_SIZE

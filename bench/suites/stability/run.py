@@ -15,8 +15,7 @@ from bench.catalogue import suites
 from bench.catalogue.methods import FLOORS, find_method
 from bench.catalogue.suites import Limits, Procedure
 from bench.records.frames import write_records
-from bench.records.job import Job, unpack
-from bench.records.record import RECORDS_VERSION
+from bench.records.job import RECORDS_VERSION, Job, unpack
 from bench.records.store import Store
 from bench.running.environment import cores, environment
 from bench.running.options import Options

@@ -5,8 +5,8 @@ from __future__ import annotations
 import numpy as np
 import pandas as pd
 
-from bench.analysis.comparison import COLUMNS, mean_estimate
-from bench.analysis.condition_sweep import CURVES
+from bench.analysis.compare import COLUMNS, mean_estimate
+from bench.analysis.sweeps import CURVES
 
 
 def comparison(methods, metric="ssim", condition="2048", class_name="chair"):

@@ -5,14 +5,14 @@ from __future__ import annotations
 import numpy as np
 import pytest
 
-from bench.analysis.distances import FEATURES_AT_ONCE, FeatureDistances
+from bench.analysis.sets import FEATURES_AT_ONCE, FeatureDistances
 from bench.metrics.frechet import (
     EXACT_OBJECTS,
     JackknifeMoments,
     centred_to_frechet,
     left_out_distances,
 )
-from bench.records.record import GROUND_TRUTH
+from bench.records.job import GROUND_TRUTH
 
 from ..builders import left_out_kernel_distances
 

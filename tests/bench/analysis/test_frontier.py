@@ -4,8 +4,8 @@ import pandas as pd
 import pytest
 
 from bench.analysis import frontier
+from bench.analysis.differences import Verdicts
 from bench.analysis.frontier import thinned_clouds
-from bench.analysis.paired import Verdicts
 
 from .comparisons import comparison, row_of
 

@@ -4,7 +4,6 @@ import numpy as np
 import pytest
 from scipy import stats
 
-from bench.analysis.distances import Distance
 from bench.analysis.intervals import (
     FEWEST,
     RESAMPLES,
@@ -15,6 +14,7 @@ from bench.analysis.intervals import (
     mean_interval,
     median_interval,
 )
+from bench.analysis.sets import Distance
 from bench.metrics.frechet import JackknifeMoments, centred_to_frechet, left_out_distances
 from studies.interval_coverage import SHAPES
 

@@ -10,7 +10,7 @@ import pytest
 from bench.analysis.paper import network_of, paper_difference, published_value
 from bench.catalogue.lookup import find
 from bench.catalogue.suites import SUITES
-from bench.tables.published import published
+from bench.tables.paper import published
 
 SUITE = find("thirteen-classes", SUITES, "suite")
 

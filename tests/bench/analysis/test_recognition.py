@@ -11,9 +11,9 @@ import pandas as pd
 import pytest
 from safetensors.numpy import save_file
 
-from bench.analysis.recognition import ClassHead, read_class_head, true_gallery
+from bench.analysis.sets import ClassHead, read_class_head, true_gallery
 from bench.judges.answers import found, why_no_retrieval
-from bench.records.record import GROUND_TRUTH
+from bench.records.job import GROUND_TRUTH
 from data_prep.failures import BadInput
 
 from ..builders import FeaturesAtHand

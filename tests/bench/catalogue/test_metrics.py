@@ -31,7 +31,7 @@ from bench.metrics.dists import dists
 from bench.metrics.image_scores import FURTHER_SCORES, further_score
 from bench.metrics.inception import FidInception, inception_features
 from bench.metrics.packaged_weights import find_lpips_weights
-from bench.records.record import COLUMNS
+from bench.records.job import COLUMNS
 from data_prep.failures import BadInput, MissingDependency
 
 FID = "fid"

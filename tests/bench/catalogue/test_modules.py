@@ -6,13 +6,14 @@ import sys
 
 import pytest
 
-from bench.catalogue.method import (
+from bench.catalogue.method_files import data_files, source_files, source_sha256, told_files
+from bench.catalogue.methods import (
     ALLOWED,
     allow_modules,
+    find_method,
     is_module_name,
+    known_method,
 )
-from bench.catalogue.method_files import data_files, source_files, source_sha256, told_files
-from bench.catalogue.methods import find_method, known_method
 from data_prep.failures import BadInput
 
 CLASS = """class Mine:

@@ -7,9 +7,9 @@ from pathlib import Path
 
 import pytest
 
-from bench.catalogue.method import ALLOWED
+from bench.catalogue.methods import ALLOWED
 from bench.commands.contract import is_own, on_dataset, options_of
-from bench.records.run_folder import write_manifest
+from bench.records.folder import write_manifest
 
 from ..builders import make_manifest
 

@@ -5,7 +5,7 @@ from __future__ import annotations
 import pytest
 
 from bench.commands import run as module
-from bench.records.run_folder import read_manifest
+from bench.records.folder import read_manifest
 from bench.running.options import REPEATED, Options
 
 from ..builders import make_manifest, write_manifest

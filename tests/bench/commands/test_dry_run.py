@@ -11,9 +11,8 @@ from harness_objects import Tetrahedron
 
 from bench.catalogue import chosen
 from bench.catalogue.chosen import MeasuredMethod
-from bench.records.job import failed
-from bench.records.record import GROUND_TRUTH
-from bench.records.run_folder import open_folder, open_store, write_manifest
+from bench.records.folder import open_folder, open_store, write_manifest
+from bench.records.job import GROUND_TRUTH, failed
 from bench.records.store import STORE
 from bench.running.options import Options
 from bench.running.plan import plan

@@ -10,7 +10,7 @@ from pathlib import Path
 
 import pytest
 
-from bench.checking.golden import bless
+from bench.check.golden import bless
 from bench.running.environment import machine_info
 
 from ..builders import write_run

@@ -6,7 +6,7 @@ import os
 
 import pytest
 
-from bench.records.run_folder import locked_run, open_folder
+from bench.records.folder import locked_run, open_folder
 
 from ..builders import make_manifest, write_run_with_tables
 

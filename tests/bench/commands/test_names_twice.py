@@ -7,9 +7,9 @@ import shutil
 
 import pytest
 
-from bench.catalogue.method import ALLOWED
-from bench.checking.golden import bless
-from bench.records.run_folder import write_manifest
+from bench.catalogue.methods import ALLOWED
+from bench.check.golden import bless
+from bench.records.folder import write_manifest
 
 from ..builders import make_manifest, write_run
 

@@ -14,9 +14,9 @@ import pytest
 import torch
 from safetensors.torch import save_file
 
-from bench.catalogue.method import ALLOWED
+from bench.catalogue.methods import ALLOWED
 from bench.metrics import inception_weights
-from bench.records.run_folder import set_aside, write_manifest
+from bench.records.folder import set_aside, write_manifest
 from bench.records.store import STORE
 from bench.running.options import Options
 from data_prep.datasets.protocol_version import PROTOCOL_VERSION

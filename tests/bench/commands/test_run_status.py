@@ -5,8 +5,8 @@ from __future__ import annotations
 import pandas as pd
 import pytest
 
+from bench.records.folder import open_folder, read_manifest
 from bench.records.frames import read_jobs
-from bench.records.run_folder import open_folder, read_manifest
 
 from ..builders import as_failed
 

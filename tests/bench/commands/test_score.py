@@ -14,19 +14,18 @@ import numpy as np
 import pytest
 
 from bench.analysis.further_metrics import checked_features, checked_scores, digits_of
-from bench.analysis.scored_run import read_run
+from bench.analysis.run import read_run
 from bench.catalogue.plugins import ImageMetric, SetMetric
 from bench.commands.config import read_config
 from bench.finish import score_run
 from bench.metrics.frechet import frechet_distance
 from bench.metrics.inception_weights import WeightsUnavailable
 from bench.metrics.kernel_distance import kernel_distance
+from bench.records.folder import open_folder
 from bench.records.frames import read_scores
-from bench.records.job import JobName
-from bench.records.record import GROUND_TRUTH, JOB
-from bench.records.run_folder import open_folder
+from bench.records.job import GROUND_TRUTH, JOB, JobName
 from bench.records.store import STORE
-from bench.report.stored import open_sources
+from bench.report.images import open_sources
 from bench.tables.build import make_outputs
 from bench.tables.quality import further_tables
 from data_prep.datasets.protocol_version import PROTOCOL_VERSION

@@ -10,14 +10,14 @@ import pytest
 import torch
 import trimesh
 
-import bench.analysis.scored_run
+import bench.analysis.run
 import bench.catalogue.metrics
 import bench.running.run
-from bench.analysis.scored_run import read_run
+from bench.analysis.run import read_run
 from bench.catalogue.methods import find_setting
 from bench.catalogue.suites import SUITES
 from bench.judges.views import Labels, ViewsNetwork, to_file
-from bench.records.run_folder import read_manifest
+from bench.records.folder import read_manifest
 from bench.running.options import Options
 from bench.tables.build import make_outputs
 from data_prep.failures import BadInput
@@ -87,7 +87,7 @@ def test_a_run_leaves_its_tables_and_figures(
     torch.manual_seed(0)
     network = ViewsNetwork(Labels(("chair", "table"), ("chair/stool",), ("none",)))
     (tmp_path / "views.safetensors").write_bytes(to_file(network))
-    for module in (bench.catalogue.metrics, bench.analysis.scored_run):
+    for module in (bench.catalogue.metrics, bench.analysis.run):
         monkeypatch.setattr(module, "VIEWS_WEIGHTS", tmp_path / "views.safetensors")
     if "dataset" in options:
         options = options | {"dataset": f"folder:{folder}"}

@@ -9,7 +9,7 @@ import numpy as np
 import pytest
 import torch
 
-from bench.analysis.recognition import read_class_head
+from bench.analysis.sets import read_class_head
 from bench.catalogue.metrics import find_extractor
 from bench.judges import JUDGE_WEIGHTS, VIEWS_WEIGHTS
 from bench.judges.judge import CODE, greyscale, judge, load_judge_network

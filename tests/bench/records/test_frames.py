@@ -6,14 +6,14 @@ import pyarrow.parquet as pq
 import pytest
 from harness_objects import Tetrahedron
 
+from bench.records.folder import open_folder, open_store
 from bench.records.frames import (
     read_features,
     read_job_sums,
     read_records,
     write_records,
 )
-from bench.records.record import COLUMNS, RECORDS_VERSION
-from bench.records.run_folder import open_folder, open_store
+from bench.records.job import COLUMNS, RECORDS_VERSION
 from data_prep.failures import BadInput
 
 from ..builders import (

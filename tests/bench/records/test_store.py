@@ -13,10 +13,9 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
+from bench.records.folder import open_folder, open_store
 from bench.records.frames import Artifact, read_jobs, stored_artifacts
-from bench.records.job import MOST_TEXT, failed, pack, pack_views, unpack
-from bench.records.record import OF_VIEWS
-from bench.records.run_folder import open_folder, open_store
+from bench.records.job import MOST_TEXT, OF_VIEWS, failed, pack, pack_views, unpack
 from bench.records.store import MOST_VIEWS, STORE, DamagedJob, row_checksum
 from data_prep.failures import BadInput, CannotWrite
 from data_prep.scene import View

@@ -4,9 +4,9 @@ import pytest
 
 import bench.report.run_figures
 import bench.report.sheets
+from bench.records.folder import open_folder
 from bench.records.frames import Artifact
-from bench.records.run_folder import open_folder
-from bench.report.figure import save
+from bench.report.plots import save
 
 from ..builders import make_result
 

@@ -13,7 +13,7 @@ from axe_playwright_python.base import AXE_SCRIPT
 from builders import make_failed, read_all, write_all, write_run
 from playwright.sync_api import sync_playwright
 
-from bench.analysis.scored_run import read_run
+from bench.analysis.run import read_run
 from bench.report.build import write_report
 from bench.report.index import write_index
 from bench.tables.build import make_outputs

@@ -28,12 +28,11 @@ from PIL import Image
 from report_parser import parse
 
 from bench.analysis.digits import decimals
-from bench.analysis.scored_run import read_run
+from bench.analysis.run import read_run
 from bench.catalogue.metrics import CONTROL_METRICS, higher_is_better
 from bench.commands.run import print_ending
-from bench.records.job import pack
-from bench.records.record import GROUND_TRUTH
-from bench.records.run_folder import open_folder, read_manifest, write_manifest
+from bench.records.folder import open_folder, read_manifest, write_manifest
+from bench.records.job import GROUND_TRUTH, pack
 from bench.records.store import STORE
 from bench.report.build import write_report
 from bench.running.run import RunResult

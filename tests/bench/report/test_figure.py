@@ -5,7 +5,7 @@ from __future__ import annotations
 import numpy as np
 import pytest
 
-from bench.report.figure import drawing, panels, save
+from bench.report.plots import drawing, panels, save
 from bench.report.sheets import image_sheet
 
 

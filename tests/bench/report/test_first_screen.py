@@ -8,10 +8,10 @@ from dataclasses import replace
 from builders import make_failed, read_all, value_frame, value_row, write_all, write_run
 from report_parser import parse
 
-from bench.analysis.comparison import NAN
-from bench.analysis.scored_run import read_run
+from bench.analysis.compare import NAN
+from bench.analysis.run import read_run
+from bench.report.answer import compact_table
 from bench.report.build import read_page
-from bench.report.headline import compact_table
 from bench.report.page import rendered
 from bench.report.run_figures import quality_frame
 from bench.tables.build import make_outputs

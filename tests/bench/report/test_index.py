@@ -11,7 +11,7 @@ from pathlib import Path
 import pytest
 from builders import make_failed, read_all, write_all, write_run
 
-from bench.analysis.scored_run import read_run
+from bench.analysis.run import read_run
 from bench.report.index import NamedRun, index_html, run_groups, write_index
 
 CHAIRS = [f"chair/{i:02d}" for i in range(12)]

@@ -11,9 +11,9 @@ import pandas as pd
 import pytest
 from report_parser import parse
 
-from bench.analysis.comparison import NAN
+from bench.analysis.compare import NAN
+from bench.analysis.differences import Verdicts
 from bench.analysis.frontier import frontier_verdicts
-from bench.analysis.paired import Verdicts
 from bench.catalogue.conditions import FAMILIES
 from bench.catalogue.metrics import higher_is_better
 from bench.report.page import inline

@@ -12,10 +12,10 @@ from bench.analysis.paper import AVERAGE
 from bench.catalogue.suites import TableSpec
 from bench.metrics.structural_similarity import ssim_per_image
 from bench.records.frames import Artifact
-from bench.records.record import GROUND_TRUTH
+from bench.records.job import GROUND_TRUTH
 from bench.report.run_figures import write_class_figures, write_figures
 from bench.report.sheets import THIN_TINT
-from bench.tables.published import published
+from bench.tables.paper import published
 
 from ..builders import make_job, make_truth, store_images, value_row, value_table
 

@@ -20,7 +20,7 @@ from PIL import Image
 
 from baselines.splat import Splat
 from bench.commands.config import read_config
-from bench.records.record import GROUND_TRUTH
+from bench.records.job import GROUND_TRUTH
 from bench.running.export import export
 from bench.running.options import Options
 from bench.running.plan import ObjectJobs, plan

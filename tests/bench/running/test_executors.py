@@ -21,7 +21,7 @@ from harness_objects import (
 
 from bench.catalogue.metrics import find_extractor
 from bench.catalogue.suites import Limits
-from bench.running.isolation import WORKER_ENVIRONMENT, submit_all
+from bench.running.pool import WORKER_ENVIRONMENT, submit_all
 from bench.running.work import JobPool, run_job
 
 from .. import plugin_methods

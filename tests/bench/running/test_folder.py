@@ -11,13 +11,13 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from bench.catalogue.method import ALLOWED, allow_modules, module_method
 from bench.catalogue.method_files import source_sha256
+from bench.catalogue.methods import ALLOWED, allow_modules, module_method
 from bench.commands.contract import options_of
 from bench.commands.terminal import Terminal
 from bench.finish import write_tables_and_figures
+from bench.records.folder import open_folder, read_manifest, write_manifest
 from bench.records.frames import read_records
-from bench.records.run_folder import open_folder, read_manifest, write_manifest
 from bench.records.store import STORE
 from bench.running.folder import protocol_in_folder, read_held
 from bench.running.options import Options

@@ -8,13 +8,14 @@ import numpy as np
 import pandas as pd
 import pytest
 from harness_objects import Tetrahedron
+from tests.bench.checking.broken_conditions import Moved
 
 from bench.catalogue.conditions import (
     MOST_POINTS,
     OUR_CONDITIONS,
     find_condition,
 )
-from bench.records.run_folder import CONDITION_IDENTITIES, read_manifest
+from bench.records.folder import CONDITION_IDENTITIES, read_manifest
 from bench.running.export import export
 from bench.running.options import Options
 from bench.running.plan import plan
@@ -24,7 +25,6 @@ from data_prep.clouds.conditions import CONDITIONS, Condition
 from data_prep.failures import BadInput, MissingDependency
 from data_prep.randomness import generator
 from data_prep.scene import PointCloud
-from tests.bench.checking.broken_conditions import Moved
 
 from .. import plugin_conditions
 from ..builders import make_protocol

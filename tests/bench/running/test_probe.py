@@ -9,7 +9,7 @@ import pytest
 
 from bench.running import environment as probe
 from bench.running.environment import environment
-from bench.running.isolation import WORKER_ENVIRONMENT
+from bench.running.pool import WORKER_ENVIRONMENT
 from data_prep.failures import MissingDependency
 from data_prep.rendering import opengl as render
 

@@ -12,8 +12,7 @@ from bench.catalogue.conditions import find_condition
 from bench.catalogue.lookup import find
 from bench.catalogue.methods import find_method
 from bench.catalogue.suites import SUITES, Limits, with_truth
-from bench.records.job import unpack
-from bench.records.record import GROUND_TRUTH
+from bench.records.job import GROUND_TRUTH, unpack
 from bench.running.options import Options
 from bench.running.plan import plan
 from bench.running.protocol import Protocol, find_methods, with_floor

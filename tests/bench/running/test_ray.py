@@ -8,7 +8,7 @@ from pathlib import Path
 
 import pytest
 
-from bench.records.run_folder import read_manifest
+from bench.records.folder import read_manifest
 
 from ..builders import (
     assert_equal_runs,

@@ -8,7 +8,7 @@ import pytest
 from harness_objects import Tetrahedron
 
 from bench.records.job import Result
-from bench.running.isolation import submit_all
+from bench.running.pool import submit_all
 from bench.running.ray import Cluster, RayPool
 from data_prep.failures import MissingDependency
 

@@ -23,13 +23,13 @@ from PIL import Image
 import bench.catalogue.suites
 import bench.running.protocol
 import bench.running.run
-from bench.analysis.scored_run import read_run
+from bench.analysis.run import read_run
 from bench.catalogue.suites import SUITES
 from bench.commands.terminal import Terminal
 from bench.finish import write_tables_and_figures
+from bench.records.folder import open_store, read_manifest
 from bench.records.frames import read_jobs
-from bench.records.record import GROUND_TRUTH
-from bench.records.run_folder import open_store, read_manifest
+from bench.records.job import GROUND_TRUTH
 from bench.records.store import STORE
 from bench.running.options import Options
 from bench.running.plan import Budget

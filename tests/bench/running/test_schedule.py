@@ -8,11 +8,10 @@ from tempfile import TemporaryDirectory
 import pytest
 from harness_objects import Tetrahedron
 
-from bench.records.job import Result, failed
-from bench.records.record import GROUND_TRUTH
+from bench.records.job import GROUND_TRUTH, Result, failed
 from bench.records.store import open_store
-from bench.running.isolation import submit_all
 from bench.running.plan import Budget, Schedule, end_s, plan, seconds_of, seeded_turns
+from bench.running.pool import submit_all
 
 from ..builders import make_protocol
 

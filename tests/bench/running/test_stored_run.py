@@ -11,9 +11,10 @@ from importlib import metadata
 from pathlib import Path
 
 import pytest
+from tests.bench.checking import broken_conditions
 
-from bench.analysis.scored_run import read_run
-from bench.records.run_folder import read_manifest
+from bench.analysis.run import read_run
+from bench.records.folder import read_manifest
 from bench.records.store import STORE
 from bench.running.options import Options
 from bench.running.run import run
@@ -21,7 +22,6 @@ from bench.tables.build import make_outputs
 from bench.tables.table import TABLES, table_files
 from data_prep.plugins import CONDITIONS
 from tests.bench import plugin_conditions, plugin_methods
-from tests.bench.checking import broken_conditions
 
 from ..builders import stored_keys, watched
 

@@ -4,7 +4,7 @@ from functools import cache
 
 import pytest
 
-from bench.analysis.scored_run import read_run
+from bench.analysis.run import read_run
 from bench.tables.build import make_outputs
 
 from .test_all_tables import tiny_run

@@ -17,14 +17,14 @@ import numpy as np
 import pandas as pd
 import pytest
 
-from bench.records.run_folder import open_folder, write_manifest
+from bench.records.folder import open_folder, write_manifest
 from bench.suites.latent.codes import PATH_METRICS, PATHS
 from bench.suites.latent.run import VALUES, latent_table, means
 from bench.suites.speed.measure import SPEED, Measurement, TimingSample
 from bench.suites.speed.tables import amortised_rows, amortised_table, samples_table, speed_table
 from bench.suites.stability.outcomes import COLUMNS, matrix
-from bench.tables import differences, orderings
-from bench.tables.published import published
+from bench.tables import differences, paper
+from bench.tables.paper import published
 from bench.tables.table import Table, table_files
 
 from ..builders import (
@@ -65,7 +65,7 @@ RUNS = {
     "beyond-training": {"conditions": (*SWEEP, "256", "outliers-0.05", "density-3")},
 }
 # Imported before `few_objects` alters the fewest objects with an interval, which they name.
-SAID_BY = (differences, orderings)
+SAID_BY = (differences, paper)
 SAYS = {  # by name: the arguments after the command
     "compare-methods": ("compare", "RUN", "--methods", "pc2pix,surface-apss"),
 }

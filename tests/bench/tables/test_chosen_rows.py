@@ -9,8 +9,8 @@ from itertools import product
 
 import pytest
 
-from bench.analysis.run_pairs import compare_methods, method_standing
-from bench.analysis.scored_run import read_run
+from bench.analysis.pairs import compare_methods, method_standing
+from bench.analysis.run import read_run
 from bench.catalogue.chosen import BEST_CLASSICAL, BEST_LEARNED_3D, CHOSEN, OTHER_METRICS
 from bench.catalogue.methods import METHODS as CATALOGUE
 from bench.catalogue.methods import role

@@ -6,14 +6,13 @@ import numpy as np
 import pandas as pd
 import pytest
 
-from bench.analysis.distances import FeatureDistances
 from bench.analysis.intervals import jackknife_interval, mean_interval
-from bench.analysis.recognition import ClassHead, confidences
+from bench.analysis.sets import ClassHead, FeatureDistances, confidences
 from bench.catalogue.lookup import find
 from bench.catalogue.suites import SUITES
 from bench.metrics.frechet import JackknifeMoments, left_out_distances
 from bench.metrics.kernel_distance import kernel_distance
-from bench.records.record import GROUND_TRUTH
+from bench.records.job import GROUND_TRUTH
 from bench.tables.quality import class_remark, class_table
 
 from ..builders import (

@@ -4,9 +4,9 @@ from __future__ import annotations
 
 import pytest
 
-from bench.analysis.comparison import is_better
+from bench.analysis.compare import is_better
 from bench.catalogue.suites import TableSpec
-from bench.report.headline import compact_table
+from bench.report.answer import compact_table
 from bench.report.run_figures import quality_frame
 from bench.tables.differences import comparison_lines, difference_cell
 from bench.tables.grid import BEST, FEWER, Grid

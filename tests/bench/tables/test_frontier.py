@@ -2,7 +2,7 @@ from __future__ import annotations
 
 import pandas as pd
 
-from bench.analysis.comparison import NAN
+from bench.analysis.compare import NAN
 from bench.analysis.frontier import FRONTIER
 from bench.catalogue.suites import TableSpec
 from bench.tables.frontier import frontier_table

@@ -9,7 +9,7 @@ import pandas as pd
 import pytest
 
 from bench.analysis.intervals import mean_interval
-from bench.analysis.scored_run import read_run
+from bench.analysis.run import read_run
 from bench.commands.terminal import shown
 from bench.tables.build import write_outputs
 from bench.tables.quality import headline

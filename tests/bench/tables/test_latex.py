@@ -8,7 +8,7 @@ import pytest
 
 from bench.tables.grid import BEST
 from bench.tables.latex import PREAMBLE, escaped
-from bench.tables.published import published
+from bench.tables.paper import published
 
 from .test_all_tables import RUNS
 from .test_markdown import ODD

@@ -10,13 +10,13 @@ import pandas as pd
 import pytest
 from threadpoolctl import threadpool_info, threadpool_limits
 
-from bench.analysis.distances import FeatureDistances
 from bench.analysis.intervals import clipped, mean_interval, median_interval
-from bench.analysis.scored_run import read_run
+from bench.analysis.run import read_run
+from bench.analysis.sets import FeatureDistances
 from bench.catalogue.metrics import JUDGE
 from bench.catalogue.suites import SUITES, TableSpec
 from bench.metrics import frechet_distance
-from bench.records.record import GROUND_TRUTH
+from bench.records.job import GROUND_TRUTH
 from bench.tables.build import tables, write_outputs
 from bench.tables.quality import detail_table, image_table, recognition_table, set_table
 

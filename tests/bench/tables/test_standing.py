@@ -2,11 +2,11 @@ from __future__ import annotations
 
 import pytest
 
-from bench.analysis.scored_run import read_run
+from bench.analysis.run import read_run
 from bench.catalogue.metrics import higher_is_better
 from bench.records.frames import read_records
+from bench.tables.differences import _ordinal, standing_lines
 from bench.tables.quality import headline
-from bench.tables.standing import _ordinal, standing_lines
 
 from .test_all_tables import tiny_run
 

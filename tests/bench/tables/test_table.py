@@ -5,7 +5,7 @@ import math
 import pandas as pd
 import pytest
 
-from bench.analysis.comparison import NAN
+from bench.analysis.compare import NAN
 from bench.tables.grid import BOLD, Annotation, Cell, grid, number_cell, number_text, pivot
 from bench.tables.markdown import document
 from bench.tables.table import Table

@@ -10,9 +10,9 @@ import numpy as np
 import pandas as pd
 import pytest
 
-from bench.analysis.scored_run import read_run
+from bench.analysis.run import read_run
 from bench.analysis.tails import TAIL_COLUMNS, tail_rows
-from bench.records.run_folder import open_folder
+from bench.records.folder import open_folder
 from bench.records.store import ScoredMetric
 from bench.report.build import write_report
 from bench.tables.build import make_outputs, tails, write_outputs, write_tails

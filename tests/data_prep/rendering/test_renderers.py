@@ -12,7 +12,7 @@ import numpy as np
 import pytest
 import trimesh
 
-from bench.running.isolation import WORKER_ENVIRONMENT
+from bench.running.pool import WORKER_ENVIRONMENT
 from data_prep.datasets.registry import ProceduralObject
 from data_prep.failures import MissingDependency
 from data_prep.rendering import mesh as by_size

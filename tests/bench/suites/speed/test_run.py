@@ -9,10 +9,10 @@ from dataclasses import dataclass, field, replace
 
 import pytest
 
-from bench.analysis.scored_run import read_run
-from bench.records.run_folder import read_manifest
-from bench.running.isolation import run_tasks
+from bench.analysis.run import read_run
+from bench.records.folder import read_manifest
 from bench.running.options import Options
+from bench.running.pool import run_tasks
 from bench.suites.speed.measure import SPEED, TimingSample, Unit, lost
 from bench.suites.speed.run import measure_alone, run
 from bench.tables.build import tables

@@ -5,8 +5,8 @@ import pytest
 from harness_objects import Tetrahedron
 
 from bench.metrics import ssim
+from bench.records.folder import open_folder
 from bench.records.job import failed
-from bench.records.run_folder import open_folder
 from bench.suites.stability.cases import VIEWS
 from bench.suites.stability.outcomes import observe
 

@@ -8,9 +8,9 @@ from dataclasses import replace
 import pandas as pd
 import pytest
 
-from bench.analysis.scored_run import read_run
-from bench.checking.golden import check
-from bench.records.run_folder import read_manifest
+from bench.analysis.run import read_run
+from bench.check.golden import check
+from bench.records.folder import read_manifest
 from bench.running.options import Options
 from bench.suites.stability.cases import CASES
 from bench.suites.stability.outcomes import COLUMNS, matrix, read_outcomes, unexpected

@@ -1,0 +1,144 @@
+"""The contract of a metric of another package: finite values that depend on the images alone."""
+
+from __future__ import annotations
+
+from functools import cache
+
+import numpy as np
+from numpy.typing import NDArray
+
+from bench.catalogue.plugins import ImageMetric, SetMetric
+from bench.check.contract.findings import ContractViolation, checked_identity
+from bench.check.contract.methods import TURN, VIEWS
+from bench.check.contract.session import CheckStep, Passed
+from bench.check.contract.targets import find_target
+from data_prep.datasets.registry import ProceduralObject
+from data_prep.scene import UInt8Images
+
+BATCHES = (1, 3)  # images a call, beside all 20 of them
+
+
+def _metric(name: str) -> ImageMetric | SetMetric:
+    metric = find_target(name)
+    assert isinstance(metric, (ImageMetric, SetMetric))
+    return metric
+
+
+@cache
+def _true_images(index: int) -> UInt8Images:
+    """Return true images of a chair, 20 views, in a read-only array."""
+    images = ProceduralObject("chair", "validation", index).truth(TURN)
+    images.flags.writeable = False
+    return images
+
+
+def _values(name: str, truth: UInt8Images, drawn: UInt8Images) -> NDArray[np.float64]:
+    """Return the checked values, or features, of a metric on copies of images."""
+    metric, truth, drawn = _metric(name), truth.copy(), drawn.copy()
+    before = truth.copy(), drawn.copy()
+    if isinstance(metric, ImageMetric):
+        values = np.asarray(metric.score(truth, drawn), np.float64)
+        expected, is_expected = f"[{len(drawn)}]", values.shape == (len(drawn),)
+    else:
+        values = np.asarray(metric.features(drawn), np.float64)
+        expected = f"[{len(drawn)}, d] with d of 1 or more"
+        is_expected = values.ndim == 2 and len(values) == len(drawn) and values.shape[1] > 0
+    if not is_expected:
+        raise ContractViolation(
+            f"gives the shape {list(values.shape)} for {len(drawn)} images, expected {expected}"
+        )
+    if not np.isfinite(values).all():
+        raise ContractViolation(
+            f"{int((~np.isfinite(values)).sum())} of {values.size} values are not finite, the "
+            f"first {values[~np.isfinite(values)][0]}; 'bench score' would end there"
+        )
+    if not all(map(np.array_equal, before, (truth, drawn))):
+        raise ContractViolation("the images were changed; work on a copy")
+    return values
+
+
+def check_identity(name: str) -> Passed:
+    """Check the fields of a metric that its tables show."""
+    metric = _metric(name)
+    checked_identity(metric.version)
+    if isinstance(metric, ImageMetric) and type(metric.higher_is_better) is not bool:
+        raise ContractViolation(f"higher_is_better is {metric.higher_is_better!r}, expected a bool")
+    return Passed(f"version {metric.version}")
+
+
+def use(name: str, number: int) -> NDArray[np.float64]:
+    """Return the values of the images of one object, with those of another as the truth."""
+    return _values(name, _true_images(number % 2), _true_images(1 - number % 2))
+
+
+def check_images(name: str) -> Passed:
+    """Measure three images."""
+    values = _values(name, _true_images(0)[: len(VIEWS)], _true_images(1)[: len(VIEWS)])
+    return Passed(f"{list(values.shape)}, finite")
+
+
+def _check_white(name: str) -> Passed:
+    """Measure white images, which stand in for failed ones."""
+    white = np.full_like(_true_images(0), 255)
+    values = _values(name, _true_images(0), white)
+    _values(name, white, white)
+    if values.shape[1:] != _values(name, white[:1], _true_images(1)[:1]).shape[1:]:
+        raise ContractViolation("features of white images have another length")
+    return Passed(f"mean {values.mean():.4g}")
+
+
+def check_batches(name: str) -> Passed:
+    """Measure 20 images one by one, in threes and together, and compare the values."""
+    truth, drawn = _true_images(0), _true_images(1)
+    whole = _values(name, truth, drawn)
+    for count in BATCHES:
+        parts = [slice(i, i + count) for i in range(0, len(truth), count)]
+        values = np.concatenate([_values(name, truth[part], drawn[part]) for part in parts])
+        if values.shape != whole.shape or not np.allclose(values, whole, rtol=1e-5, atol=1e-8):
+            raise ContractViolation(
+                f"other values for {count} image{'s' if count > 1 else ''} a call than for 20: an "
+                "image has another value alone than among others"
+            )
+    return Passed("the same alone and among others")
+
+
+def check_scores(name: str) -> Passed:
+    """Compare images identical to the truth, as those of `true-mesh` are, with others."""
+    metric, truth, other = _metric(name), _true_images(0), _true_images(1)
+    assert isinstance(metric, ImageMetric)
+    same, off = _values(name, truth, truth), _values(name, truth, other)
+    if np.array_equal(off, _values(name, other, other)) and np.array_equal(
+        same, _values(name, other, truth)
+    ):
+        raise ContractViolation(
+            "the same for every image"
+            if np.array_equal(same, off)
+            else "the true images change nothing"
+        )
+    if np.array_equal(same, off):
+        raise ContractViolation("identical images have the same value as those of another object")
+    if (same.mean() > off.mean()) != metric.higher_is_better:
+        better = "higher" if metric.higher_is_better else "lower"
+        raise ContractViolation(
+            f"identical images have {same.mean():.4g}, others {off.mean():.4g}: {better} is better?"
+        )
+    return Passed(f"identical images {same.mean():.4g}, another object {off.mean():.4g}")
+
+
+def check_features(name: str) -> Passed:
+    """Check that features depend on the image."""
+    features = _values(name, _true_images(0), _true_images(0))
+    if np.array_equal(features, _values(name, _true_images(0), _true_images(1))):
+        raise ContractViolation("the same features for another object")
+    if (features == features[:1]).all():
+        raise ContractViolation("the same features for every image")
+    return Passed(f"{features.shape[1]} features that depend on the image")
+
+
+_OF_BOTH = (
+    CheckStep("images", check_images),
+    CheckStep("white images", _check_white),
+    CheckStep("batches", check_batches),
+)
+OF_IMAGES = (*_OF_BOTH, CheckStep("identical images", check_scores))
+OF_SETS = (*_OF_BOTH, CheckStep("features", check_features))

@@ -1,0 +1,160 @@
+"""The test of a plug-in: its import in a worker, the other steps in another one, in 60 seconds."""
+
+from __future__ import annotations
+
+import time
+from collections.abc import Callable, Iterator, Mapping, Sequence
+from dataclasses import dataclass
+from functools import partial
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from bench.catalogue.methods import Method
+from bench.catalogue.plugins import ImageMetric, SetMetric
+from bench.catalogue.suites import Limits
+from bench.check.contract import conditions, datasets, methods, metrics
+from bench.check.contract.findings import ContractViolation, Finding
+from bench.check.contract.methods import LIMITS, apart
+from bench.check.contract.session import CheckStep, Passed, Report, perform
+from bench.check.contract.targets import (
+    DatasetSource,
+    check_import,
+    check_name,
+    find_target,
+    kind_of,
+)
+from bench.running.pool import WORKER_ENVIRONMENT
+from data_prep.clouds.conditions import Condition
+
+_TOTAL_S = 60.0
+_CLOSING_S = 3.0  # of _TOTAL_S, for workers that end
+CALLS, FEWEST_CALLS = 8, 3  # inputs between two uses of one; fewer after CALLS_S
+CALLS_S = 5.0  # seconds
+
+
+@dataclass(frozen=True)
+class Kind:
+    """What is tested of a kind of plug-in; each function takes the name of one.
+
+    use             what the plug-in makes of an input of this number, checked
+    result          the word for that
+    check_identity  the check of its fields
+    first, last     the steps before and after those of all kinds
+    remedy          what to do where a result is another one the second time
+    """
+
+    use: Callable[[str, int], NDArray[Any]]
+    result: str
+    check_identity: Callable[[str], Passed]
+    first: Sequence[CheckStep]
+    last: Sequence[CheckStep] = ()
+    remedy: str = "take all randomness from `rng`, and keep nothing of a cloud"
+
+
+_of_metrics = partial(
+    *(Kind, metrics.use, "values", metrics.check_identity),
+    remedy="a value depends on its image and the truth alone",
+)
+KINDS: Mapping[type, Kind] = {
+    Method: Kind(
+        *(methods.use, "images", methods.check_identity),
+        first=methods.FIRST,
+        last=methods.LAST,  # a hang ends the test
+    ),
+    ImageMetric: _of_metrics(first=metrics.OF_IMAGES),
+    SetMetric: _of_metrics(first=metrics.OF_SETS),
+    DatasetSource: Kind(
+        *(datasets.use, "points", datasets.check_identity),
+        first=datasets.FIRST,
+    ),
+    Condition: Kind(
+        *(conditions.use, "points", conditions.check_identity),
+        first=conditions.FIRST,
+    ),
+}
+
+
+def _kind(name: str) -> Kind:
+    return KINDS[kind_of(find_target(name))]
+
+
+def check_identity(name: str) -> Passed:
+    """Check the fields of a plug-in, in a worker."""
+    return _kind(name).check_identity(name)
+
+
+def check_repeatable(name: str) -> Passed:
+    """Use the plug-in twice with the same input."""
+    kind = _kind(name)
+    first, second = kind.use(name, 0), kind.use(name, 0)
+    if not np.array_equal(first, second):
+        raise ContractViolation(
+            f"other {kind.result} the second time: {apart(first, second)}; {kind.remedy}"
+        )
+    return Passed(f"the same {kind.result} the second time")
+
+
+def check_calls(name: str) -> Passed:
+    """Use the plug-in often, then as at first, and compare the results."""
+    kind, start = _kind(name), time.perf_counter()
+    first, others = kind.use(name, 0), 0
+    for number in range(1, 1 + CALLS):
+        kind.use(name, number)
+        others = number
+        if others >= FEWEST_CALLS and time.perf_counter() - start > CALLS_S:
+            break
+    again = kind.use(name, 0)
+    if not np.array_equal(first, again):
+        raise ContractViolation(
+            f"other {kind.result} after {others} others: {apart(first, again)}; {kind.remedy}"
+        )
+    return Passed(f"{others} others between change nothing")
+
+
+_IMPORT = CheckStep("import", check_import)
+_IDENTITY = CheckStep("identity", check_identity)
+
+
+def steps_of(kind: type) -> list[CheckStep]:
+    """Return the steps after the import, in their order."""
+    return [
+        _IDENTITY,
+        *KINDS[kind].first,
+        CheckStep("calls", check_calls),
+        CheckStep("repeatable", check_repeatable),
+        *KINDS[kind].last,
+    ]
+
+
+def plugin_findings(
+    name: str, limits: Limits = LIMITS, total_s: float = _TOTAL_S
+) -> Iterator[Finding]:
+    """Yield all findings about a method, metric, dataset or condition.
+
+    `limits` are those of a step. Raises BadInput for an unknown name.
+    """
+    check_name(name)
+    until = time.monotonic() + total_s - _CLOSING_S
+    steps: list[CheckStep] = []
+    reports: list[Report] = []
+    for report in perform(name, [_IMPORT], limits, until, WORKER_ENVIRONMENT):
+        reports.append(report)
+        yield report.finding
+        if report.evidence is not None:
+            steps = steps_of(report.evidence)
+    if not reports:  # a machine so busy that no worker could begin
+        yield Finding(False, "not tested", f"all of it: {total_s:g} s are over")
+        return
+    for report in perform(name, steps, limits, until, WORKER_ENVIRONMENT):
+        reports.append(report)
+        yield report.finding
+    performed = {report.step.subject for report in reports}
+    if untested := [step for step in steps if step.subject not in performed]:
+        reason = f"after '{reports[-1].step.subject}'"
+        if time.monotonic() >= until:
+            reason = f"{total_s:g} s are over"
+        subjects = ", ".join(step.subject for step in untested)
+        blocks = any(step.blocks for step in untested)
+        yield Finding(False, "not tested", f"{subjects}: {reason}", blocks)
