@@ -196,7 +196,7 @@ FILES: dict[str, WeightFiles] = {
         "baselines.upsampler",
         "upsampler",
         "upsampler-weights-1",
-        {"all": "fcbfd77b7e0776ac17d5f66b740d36119fc9b858f49950908654e74c29e9e314"},
+        {"all": "e403918bdea8ec9f706459e5d37d5feea5c81655d7bb793d2a3725d20617448c"},
     ),
     "baselines.occupancy_net": _files(
         "baselines.occupancy_net",
