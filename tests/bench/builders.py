@@ -40,6 +40,7 @@ from bench.records.frames import Artifact, job_frame, read_records, write_record
 from bench.records.job import (
     COLUMNS,
     GROUND_TRUTH,
+    JOB,
     SCHEMA_VERSION,
     TYPES,
     Job,
@@ -200,7 +201,10 @@ def scored_records(
 ) -> Run:
     """Return a scored run of these records, with distances by extractor, without a folder."""
     manifest = names_of(records) | manifest
-    jobs = full_frame(job_frame(results_of(records)), manifest)
+    jobs = job_frame(results_of(records))
+    has_image = (records["outcome"] == "ok").groupby([records[name] for name in JOB], sort=False)
+    jobs["drawn"] = has_image.sum().to_numpy(np.int64)
+    jobs = full_frame(jobs, manifest)
     return Run(Path("run"), suite, manifest, jobs, features or {}, skipped or {})
 
 
@@ -277,11 +281,22 @@ def result_of(key, records, **arrays) -> Result:
 
 
 def results_of(records: pd.DataFrame) -> list[tuple[JobName, Result]]:
-    """The jobs of a frame of records, each with its name."""
+    """The jobs of a frame of records, each with its name.
+
+    Where some views of a job have failed, which no run gives, they are views without scores.
+    """
     by_name = {}
     for record in records_of(records):
         name = JobName(record.method, record.condition, record.class_name, record.object)
         by_name.setdefault(name, []).append(record)
+    for of_job in by_name.values():
+        drawn = [record for record in of_job if record.outcome == "ok"]
+        if drawn:
+            alike = {n: getattr(drawn[0], n) for n in ("reason", "notes", "prepare_s", "draw_s")}
+            unscored = dict.fromkeys(SCORES)
+            for i, record in enumerate(of_job):
+                changes = {} if record.outcome == "ok" else {"outcome": "ok", **unscored}
+                of_job[i] = replace(record, **alike, **changes)
     return [(name, result_of("/".join(name), of_job)) for name, of_job in by_name.items()]
 
 

@@ -327,18 +327,14 @@ def test_what_hangs_when_the_budget_ends_is_stopped_and_the_rest_is_kept(
 
 
 @pytest.mark.parametrize("there", [True, False])
-def test_a_manifest_that_another_run_writes_meanwhile_stays(no_machine, copied, there, monkeypatch):
+def test_a_manifest_that_another_run_writes_meanwhile_stays(
+    no_machine, tiny_weights, copied, there, monkeypatch
+):
     """It had the lock while this run was planned; the folder was empty before, or not."""
     manifest = copied / "manifest.json"
     if not there:
         shutil.rmtree(copied)
-    request: dict[str, Any] = {
-        "methods": ("splat", "blank"),
-        "conditions": ("2048",),
-        "limit": 1,
-        "views": 2,
-    }
-    options = Options("chair-robustness", out=copied, workers=1, **request)
+    options = finished_options(tiny_weights, copied)
     real = bench.running.run.plan
 
     def plan(protocol):
