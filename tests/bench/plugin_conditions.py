@@ -6,7 +6,7 @@ from contextlib import contextmanager
 
 from bench.catalogue import conditions
 from data_prep.plugins import CONDITIONS, announced
-from tests.bench.checking import broken_conditions
+from tests.bench.check import broken_conditions
 from tests.bench.plugin_methods import announce
 
 CACHES = (announced, conditions.load_condition, conditions._planned_condition)

@@ -98,7 +98,7 @@ def test_codes_far_off_are_refused_and_those_of_noisy_clouds_are_not(name):
         renderer.prepare(PointCloud(np.full((4, 3), 3e38)))
     outlier = cloud.points.copy()
     outlier[7] = 0, 0, 1e3
-    far_off = pytest.raises(StageFailure, match=r"encode: the code lies .* in the unit")
+    far_off = pytest.raises(StageFailure, match=r"encode: the code lies .* to the unit sphere")
     for points in (outlier, cloud.points + np.float32(1e6)):
         with far_off:
             renderer.prepare(PointCloud(points))

@@ -312,5 +312,5 @@ MODULES = {
 }
 MODULE = """
 {line}
-from tests.bench.checking.broken_methods import Plain
+from tests.bench.check.broken_methods import Plain
 """

@@ -3,12 +3,12 @@
 from __future__ import annotations
 
 import pytest
-from tests.bench.checking import broken_conditions, broken_datasets, broken_methods, broken_metrics
 
 from bench.catalogue.methods import Method
 from bench.catalogue.suites import Limits
 from bench.check.contract import conditions, datasets, methods, metrics, plugin
 from bench.check.contract.plugin import plugin_findings, steps_of
+from tests.bench.check import broken_conditions, broken_datasets, broken_methods, broken_metrics
 
 LIMITS = Limits(time_s=5.0, memory_gib=2.0)
 SLOW = {"HOGS": Limits(time_s=20.0, memory_gib=2.0)}  # a busy machine fills memory slowly

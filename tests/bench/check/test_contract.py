@@ -17,7 +17,7 @@ from bench.check.contract.targets import check_name
 from data_prep.failures import BadInput
 
 REPOSITORY = Path(__file__).parents[3]
-MODULE = "tests.bench.checking.broken_methods"
+MODULE = "tests.bench.check.broken_methods"
 
 
 def findings(verdicts):

@@ -74,6 +74,6 @@ def test_the_version_and_that_of_the_protocol_with_what_changed(command):
 def test_help_names_all_commands(command):
     status, out, err = command("--help")
     assert (status, err) == (0, "")
-    trained = "autoencoder gan decoder splat-net views judge constant"
+    trained = "autoencoder gan decoder splat-net fused-net occupancy-net upsampler"
     for text, expected in ((out, " ".join(COMMANDS)), (command("train", "--help")[1], trained)):
         assert all(f"\n  {name} " in text for name in expected.split())

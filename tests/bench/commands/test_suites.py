@@ -16,7 +16,7 @@ import bench.running.run
 from bench.analysis.run import read_run
 from bench.catalogue.methods import find_setting
 from bench.catalogue.suites import SUITES
-from bench.judges.views import Labels, ViewsNetwork, to_file
+from bench.judges.views import Labels
 from bench.records.folder import read_manifest
 from bench.running.options import Options
 from bench.tables.build import make_outputs
@@ -24,6 +24,7 @@ from data_prep.failures import BadInput
 from data_prep.randomness import generator
 from data_prep.shapes.catalogue import CLASSES
 from learning.weights import FILES
+from tests.learning.trainings import write_views
 
 from ..builders import drop_features, run_suite, write_run
 
@@ -85,8 +86,8 @@ def test_a_run_leaves_its_tables_and_figures(
     """A suite that compares times has one worker."""
     monkeypatch.setenv("XDG_CACHE_HOME", str(tmp_path))  # no weights for fid
     torch.manual_seed(0)
-    network = ViewsNetwork(Labels(("chair", "table"), ("chair/stool",), ("none",)))
-    (tmp_path / "views.safetensors").write_bytes(to_file(network))
+    labels = Labels(("chair", "table"), ("chair/stool",), ("none",))
+    write_views(None, tmp_path / "views.safetensors", labels)
     for module in (bench.catalogue.metrics, bench.analysis.run):
         monkeypatch.setattr(module, "VIEWS_WEIGHTS", tmp_path / "views.safetensors")
     if "dataset" in options:

@@ -26,7 +26,7 @@ from bench.running.work import JobPool, run_job
 
 from .. import plugin_methods
 from ..builders import make_job, make_truth, true_images, views_of
-from .test_isolation import is_alive, wait_until
+from .test_pool import is_alive, wait_until
 
 pytestmark = pytest.mark.timing
 

@@ -8,7 +8,6 @@ import numpy as np
 import pandas as pd
 import pytest
 from harness_objects import Tetrahedron
-from tests.bench.checking.broken_conditions import Moved
 
 from bench.catalogue.conditions import (
     MOST_POINTS,
@@ -25,6 +24,7 @@ from data_prep.clouds.conditions import CONDITIONS, Condition
 from data_prep.failures import BadInput, MissingDependency
 from data_prep.randomness import generator
 from data_prep.scene import PointCloud
+from tests.bench.check.broken_conditions import Moved
 
 from .. import plugin_conditions
 from ..builders import make_protocol

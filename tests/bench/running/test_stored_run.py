@@ -11,7 +11,6 @@ from importlib import metadata
 from pathlib import Path
 
 import pytest
-from tests.bench.checking import broken_conditions
 
 from bench.analysis.run import read_run
 from bench.records.folder import read_manifest
@@ -22,6 +21,7 @@ from bench.tables.build import make_outputs
 from bench.tables.table import TABLES, table_files
 from data_prep.plugins import CONDITIONS
 from tests.bench import plugin_conditions, plugin_methods
+from tests.bench.check import broken_conditions
 
 from ..builders import stored_keys, watched
 
