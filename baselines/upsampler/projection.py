@@ -29,15 +29,14 @@ _NEAR = 2.5
 class Projected:
     """Places that were moved onto the surface.
 
+    A place far from all points of the cloud stays where it was, and has the normal of the nearest.
+
     points   float32 [Q, 3]
     normals  float32 [Q, 3], unit vectors of either sign
-    near     bool [Q]: whether a place was near a point of the cloud. Others were left where they
-             were, and have the normal of the nearest point
     """
 
     points: NDArray[np.float32]
     normals: NDArray[np.float32]
-    near: NDArray[np.bool_]
 
 
 class LearnedSurface:
@@ -80,6 +79,4 @@ class LearnedSurface:
         bad = int((~torch.cat([points, told], dim=1).isfinite()).any(dim=1).sum())
         if bad:
             raise StageFailure("up-sampling", f"{bad} of {len(points)} points are not finite")
-        return Projected(
-            points=points.cpu().numpy(), normals=told.cpu().numpy(), near=near.cpu().numpy()
-        )
+        return Projected(points.cpu().numpy(), told.cpu().numpy())
