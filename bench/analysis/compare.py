@@ -16,9 +16,9 @@ from numpy.typing import NDArray
 
 from bench.analysis.digits import prints_better
 from bench.analysis.intervals import clipped, mean_interval, median_interval
-from bench.catalogue.images import ENTERED
 from bench.catalogue.methods import FLOOR, role
 from bench.catalogue.metrics import is_mean, value_range
+from bench.entered.claims import ENTERED
 from bench.records.job import TIMES
 from data_prep.arrays import Floats
 

@@ -10,7 +10,7 @@ import math
 import os
 import re
 import sys
-from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
+from collections.abc import Callable, Collection, Iterable, Iterator, Mapping, Sequence
 from dataclasses import dataclass, replace
 from functools import cache, partial
 from importlib import import_module
@@ -22,12 +22,13 @@ from bench.catalogue import loaders  # it imports no slow package, so that `benc
 from bench.catalogue.chosen import CHOSEN
 from bench.catalogue.lookup import family_of, find, variant_of
 from bench.catalogue.method_files import declared_files, known_by, with_files
+from bench.entered.claims import IMAGES_PREFIX, entered_claims, read_claims
 from data_prep.failures import BadInput, unknown
 from data_prep.files.safe_read import is_regular_file
 from data_prep.plugins import announced, entry_point_folder, load_entry_point
 
 if TYPE_CHECKING:
-    from bench.catalogue.images import ImageTree
+    from bench.entered.tree import ImageTree
     from data_prep.scene import Renderer
 
 Kind = Literal["", "reconstruction", "network", "splat", "reference"]
@@ -38,7 +39,6 @@ ANY_SIZE = range(16, 2049)
 # The environment variable with the names MODULE:NAME that a command line has allowed, with commas
 # between them. Worker processes inherit it, as they inherit `sys.path`.
 ALLOWED = "PC2PIX_BENCH_MODULES"
-IMAGES_PREFIX = "images:"  # begins the name of a folder of images on the command line: images:TREE
 # A name MODULE:NAME, both parts with or without dots. What begins with "images:" is none.
 NAME = re.compile(rf"(?!{IMAGES_PREFIX})[^\W\d]\w*(\.[^\W\d]\w*)*:[^\W\d]\w*(\.[^\W\d]\w*)*")
 
@@ -437,14 +437,39 @@ def find_setting(method_id: str) -> _Setting | None:
 def find_run_method(address: str) -> Method:
     """Return a method of a run by its `Method.address`: its id, or a folder of images images:TREE.
 
-    Raises BadInput where `find_method` or `bench.catalogue.images.entered_method` does.
+    Raises BadInput where `find_method` or `entered_method` does.
     """
     if not address.startswith(IMAGES_PREFIX):
         return find_method(address)
-    from bench.catalogue.images import entered_method
-
     taken = OUR_FAMILIES | {family_of(id_) for id_ in announced("method")}
     return entered_method(Path(address.removeprefix(IMAGES_PREFIX)), taken)
+
+
+def entered_method(folder: Path, taken: Collection[str]) -> Method:
+    """Return the method whose images are in a folder; `taken` are ids that it must not have.
+
+    Its images are in the keys of jobs, and its identity is the version that the author states.
+    Raises BadInput as `bench.entered.claims.read_claims`.
+    """
+    from bench.entered.tree import ImageTree  # it imports NumPy, which `bench list` does not need
+
+    root = folder.absolute()
+    claims = read_claims(root, taken)
+    tree = ImageTree(root, claims)
+    return Method(
+        claims.name,
+        load=partial(_entered_images, tree),
+        identity=partial(str, f"{claims.version or 'no version'}, entered by images"),
+        version=1,
+        source=claims.about,
+        trained_on=claims.trained_on,
+        images=tree,
+    )
+
+
+def _entered_images(tree: ImageTree, device: str) -> ImageTree:
+    del device  # nothing is computed
+    return tree
 
 
 def find_method(method_id: str) -> Method:
@@ -545,8 +570,6 @@ def training_objects(method_id: str, manifest: Mapping[str, Any]) -> str:
 
     For a method that was run elsewhere it is what its author claims in the manifest.
     """
-    from bench.catalogue.images import entered_claims
-
     if claims := entered_claims(manifest, method_id):
         return claims.trained_on
     method = known_method(method_id)

@@ -9,9 +9,9 @@ from typing import Annotated, Any
 
 import typer
 
-from bench.catalogue.images import address_of
 from bench.catalogue.suites import SUITES
 from bench.commands.options import USAGE_ERROR, plain_message, read_path
+from bench.entered.claims import address_of
 from bench.records.folder import load_manifest
 from bench.records.job import SCHEMA_VERSION
 from bench.running.options import REPEATED, Options

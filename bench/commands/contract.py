@@ -10,7 +10,6 @@ from typing import Annotated
 
 import typer
 
-from bench.catalogue.images import ENTERED
 from bench.catalogue.lookup import family_of, variant_of
 from bench.catalogue.methods import allow_modules, find_run_method, is_module_name, search_folder
 from bench.check.contract.findings import Finding, is_blocked, summary
@@ -22,6 +21,7 @@ from bench.commands.options import (
     path_option,
     worker_count,
 )
+from bench.entered.claims import ENTERED
 from bench.records.folder import MANIFEST, read_finished
 from bench.running.options import Options, default_name
 from bench.tables.markdown import visible

@@ -18,10 +18,10 @@ from bench.analysis.differences import verdicts_of
 from bench.analysis.frontier import frontier_verdicts
 from bench.analysis.run import in_order
 from bench.catalogue.conditions import condition_words, known_condition
-from bench.catalogue.images import entered_claims
 from bench.catalogue.methods import find_method, is_module_name, known_method, role
 from bench.catalogue.metrics import METRICS, column, declared_metric
 from bench.catalogue.suites import TRUTHS, Suite, Truth
+from bench.entered.claims import entered_claims
 from bench.records.frames import read_jobs
 from bench.records.job import TIMES, JobName
 from bench.report.answer import Statement, compact_table, counted, in_short, objects_in_words

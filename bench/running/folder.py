@@ -14,8 +14,8 @@ from pathlib import Path
 from typing import Any
 
 from bench.catalogue.conditions import find_condition
-from bench.catalogue.images import address_of
 from bench.catalogue.methods import Method, find_method, find_run_method, is_module_name
+from bench.entered.claims import address_of
 from bench.records.folder import check_directory
 from bench.records.store import STORE, open_store
 from bench.running.options import REPEATED, Options

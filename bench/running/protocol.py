@@ -8,7 +8,6 @@ from functools import cached_property
 from typing import Any
 
 from bench.catalogue.conditions import find_condition
-from bench.catalogue.images import address_of, manifest_entry
 from bench.catalogue.loaders import GPU
 from bench.catalogue.lookup import find
 from bench.catalogue.method_files import told_files
@@ -31,6 +30,7 @@ from bench.catalogue.suites import (
     truth_entry,
     with_truth,
 )
+from bench.entered.claims import address_of, manifest_entry
 from bench.metrics.inception_weights import DOWNLOAD, WEIGHTS_SHA256
 from bench.records.folder import CONDITION_IDENTITIES, FIXED
 from bench.records.folder import PROTOCOL as PROTOCOL_ENTRY

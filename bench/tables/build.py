@@ -18,8 +18,8 @@ from bench.analysis.run import Run
 from bench.analysis.sets import ImageSet
 from bench.analysis.sweeps import condition_curves, condition_leads
 from bench.analysis.tails import INVENTED, tail_images, tail_rows
-from bench.catalogue.images import ENTERED
 from bench.catalogue.suites import Suite
+from bench.entered.claims import ENTERED
 from bench.records.folder import PROTOCOL
 from bench.records.frames import scored_metrics
 from bench.records.job import TIMES

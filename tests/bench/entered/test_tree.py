@@ -12,16 +12,9 @@ import numpy as np
 import pytest
 from PIL import Image
 
-from bench.catalogue.images import (
-    Claims,
-    ImageTree,
-    address_of,
-    entered_claims,
-    entered_method,
-    manifest_entry,
-    read_claims,
-)
-from bench.catalogue.methods import find_method, find_run_method
+from bench.catalogue.methods import entered_method, find_method, find_run_method
+from bench.entered.claims import Claims, address_of, entered_claims, manifest_entry, read_claims
+from bench.entered.tree import ImageTree
 from data_prep.datasets.exported import ExportedObject, StoredFile
 from data_prep.failures import BadInput, StageFailure
 from data_prep.scene import CloudOrigin, PointCloud, View
@@ -221,8 +214,14 @@ def time_of(number):
         (toml_of(source=""), "source '' has 0 characters, not 1..200; give a short text in one li"),
         (toml_of(source="a\nb"), "source \"'a\\\\nb'\" has characters that cannot be seen; give a"),
         (toml_of(hardware=["H100"]), "hardware \"['H100']\" is not a text; give a short text in "),
-        (toml_of(draw_s=-1), "draw_s '-1' is no number of seconds from 0 to 1e+06; give one"),
-        (toml_of(draw_s="2"), "draw_s \"'2'\" is no number of seconds from 0 to 1e+06; give one"),
+        (
+            toml_of(draw_s=-1),
+            "draw_s '-1' is no number of seconds from 0 to 1e+06; give the time as a number",
+        ),
+        (
+            toml_of(draw_s="2"),
+            "draw_s \"'2'\" is no number of seconds from 0 to 1e+06; give the time as a number",
+        ),
         (toml_of(export="abc"), "export 'abc' is no sha256; copy the identifier in the croissant"),
         (time_of("nan"), "draw_s 'nan' is no number of seconds"),
         (time_of("inf"), "draw_s 'inf' is no number of seconds"),

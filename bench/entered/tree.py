@@ -1,181 +1,35 @@
-"""Methods entered by images: a folder of images that were drawn of an export's clouds elsewhere.
+"""A folder of images that were drawn of the clouds of an export elsewhere.
 
-    method.toml                          what the author states (`Claims`)
+    method.toml                          what the author states (`bench.entered.claims`)
     CONDITION/CLASS/OBJECT/VIEW.png      an image: 00.png, 01.png, ... are the views of `views.csv`
 
 Files come from strangers: their headers are checked before a run starts, and links may not lead out
-of the folder. Nothing that the author states can be checked here but its form, so tables call the
-times *claimed*. A run repeats the facts in its manifest: it can be read where the tree is not.
+of the folder.
 """
 
 from __future__ import annotations
 
 import os
-import re
-import tomllib
-from collections.abc import Collection, Iterable, Iterator, Mapping, Sequence
-from dataclasses import MISSING, asdict, dataclass, fields
-from functools import partial
+from collections.abc import Collection, Iterable, Iterator, Sequence
+from dataclasses import dataclass
 from hashlib import sha256
 from pathlib import Path, PurePosixPath
-from typing import TYPE_CHECKING, Any
+from typing import TYPE_CHECKING
 
 import numpy as np
 
-from bench.catalogue.methods import IMAGES_PREFIX, Method
+from bench.entered.claims import CLAIMS, IMAGES_PREFIX, Claims
 from data_prep.datasets.objects import SceneObject
 from data_prep.failures import BadInput, StageFailure
 from data_prep.files.checksums import file_sha256
-from data_prep.files.safe_read import (
-    files_in,
-    folders_in,
-    plain_text,
-    read_text,
-    reason_of,
-    shown,
-)
-from data_prep.plugins import is_id
+from data_prep.files.safe_read import files_in, folders_in, shown
 from data_prep.rendering.images import check_opaque_png, read_opaque_png, to_float
 from data_prep.scene import CloudOrigin, Images, PointCloud, UInt8Images, View
 
 if TYPE_CHECKING:  # it reads clouds of all formats, which tables need not
     from data_prep.datasets.exported import ExportedObject
 
-CLAIMS = "method.toml"
-ENTERED = "entered"  # in manifests: facts by method, and under TREE the folder of the images
-TREE = "tree"
-MOST_BYTES = 64 * 2**10  # of a file of facts
-_MOST_S = 1e6  # of a claimed time: twelve days
-MOST_NAMED = 3  # in a line about images that are not used
-_CHECKSUM = re.compile("[0-9a-f]{64}")
-
-
-@dataclass(frozen=True)
-class Claims:
-    """The facts about a method that was run elsewhere, as its author states them.
-
-    name               id of the method in tables, kebab-case
-    source             one line about what it does and where it comes from
-    trained_on         the objects that a network has seen; "nothing" where it learns nothing
-    hardware           the machine of the times
-    prepare_s, draw_s  seconds for a cloud, and for one view of it
-    licence            of the images
-    export             checksum of the export whose clouds it drew
-                       (`data_prep.datasets.exported.checksum_of`)
-    version            version or commit of the method; "" for none. Another version is another
-                       method on a leaderboard of runs
-    """
-
-    name: str
-    source: str
-    trained_on: str
-    hardware: str
-    prepare_s: float
-    draw_s: float
-    licence: str
-    export: str
-    version: str = ""
-
-    @property
-    def about(self) -> str:
-        """Return the description for people, in one line."""
-        return (
-            f"{self.source}; entered by images, drawn elsewhere on {self.hardware}, its times are "
-            f"claimed; licence of the images: {self.licence}"
-        )
-
-
-def read_claims(tree: Path, taken: Collection[str]) -> Claims:
-    """Return the facts in the `method.toml` of a tree.
-
-    Raises BadInput, naming the file, for one that is missing or no TOML, for a key that is missing
-    or unknown, for a value of another form, and for a name that is `taken`.
-    """
-    path = tree / CLAIMS
-    if not tree.is_dir():
-        raise BadInput(f"{tree}: no such folder; give a tree of images with its {CLAIMS}")
-    text = read_text(path, MOST_BYTES)
-    try:
-        stated = tomllib.loads(text)
-    except (ValueError, RecursionError) as error:  # ValueError: of a number of 5,000 digits
-        raise BadInput(f"{path}: not TOML ({reason_of(error)}); correct it") from error
-    claims = _checked_claims(stated, str(path))
-    if claims.name in taken:
-        raise BadInput(
-            f"{path}: name {shown(claims.name)} is an id of this installation; give another name"
-        )
-    return claims
-
-
-def _checked_claims(stated: Mapping[str, Any], where: str) -> Claims:
-    known = {field.name: field for field in fields(Claims)}
-    if others := [key for key in stated if key not in known]:
-        raise BadInput(f"{where}: unknown key {shown(others[0])}; the keys are {', '.join(known)}")
-    values: dict[str, Any] = {}
-    for key, field in known.items():
-        if key in stated:
-            values[key] = _checked(key, stated[key], field.type == "float", where)
-        elif field.default is MISSING:
-            raise BadInput(f"{where}: no key {key}; add it, as docs/extending.md shows")
-    if not is_id(values["name"]):
-        raise BadInput(
-            f"{where}: name {shown(values['name'])} is not kebab-case (a-z, 0-9 and single "
-            "hyphens), and it names files; rename it"
-        )
-    if not _CHECKSUM.fullmatch(values["export"]):
-        raise BadInput(
-            f"{where}: export {shown(values['export'])} is no sha256; copy the identifier in the "
-            "croissant.json of the export"
-        )
-    return Claims(**values)
-
-
-def _checked(key: str, value: Any, is_number: bool, where: str) -> str | float:
-    if is_number:
-        whole_or_float = isinstance(value, (int, float)) and not isinstance(value, bool)
-        if whole_or_float and 0 <= value <= _MOST_S:
-            return float(value)
-        raise BadInput(
-            f"{where}: {key} {shown(repr(value))} is no number of seconds from 0 to {_MOST_S:g}; "
-            "give one"
-        )
-    try:
-        return plain_text(value)
-    except ValueError as error:
-        raise BadInput(f"{where}: {key} {error}; give a short text in one line") from None
-
-
-def manifest_entry(trees: Mapping[str, tuple[Path, Claims]]) -> dict[str, Any]:
-    """Return the entry of a manifest for methods entered by images; nothing without any."""
-    facts = {
-        name: {TREE: str(root)} | {key: fact for key, fact in asdict(claims).items() if fact != ""}
-        for name, (root, claims) in trees.items()
-    }
-    return {ENTERED: facts} if facts else {}
-
-
-def entered_claims(manifest: Mapping[str, Any], method_id: str) -> Claims | None:
-    """Return the facts of a method entered by images, as a run's manifest has them.
-
-    None for another method, and for an entry that is damaged.
-    """
-    stated = _entry(manifest, method_id)
-    try:
-        return _checked_claims({k: v for k, v in stated.items() if k != TREE}, ENTERED)
-    except BadInput:
-        return None
-
-
-def address_of(manifest: Mapping[str, Any], method_id: str) -> str:
-    """Return the text by which a method of a run is found: its id, or "images:" and its tree."""
-    tree = _entry(manifest, method_id).get(TREE)
-    return f"{IMAGES_PREFIX}{tree}" if isinstance(tree, str) else method_id
-
-
-def _entry(manifest: Mapping[str, Any], method_id: str) -> Mapping[str, Any]:
-    entered = manifest.get(ENTERED)
-    stated = entered.get(method_id) if isinstance(entered, Mapping) else None
-    return stated if isinstance(stated, Mapping) else {}
+_MOST_NAMED = 3  # names in a line about images that are not used
 
 
 @dataclass(frozen=True)
@@ -286,8 +140,8 @@ class ImageTree:
         others = list(self._others("", wanted, above))
         if not others:
             return ""
-        more = f" and {len(others) - MOST_NAMED} more" if len(others) > MOST_NAMED else ""
-        named = ", ".join(map(shown, others[:MOST_NAMED]))
+        more = f" and {len(others) - _MOST_NAMED} more" if len(others) > _MOST_NAMED else ""
+        named = ", ".join(map(shown, others[:_MOST_NAMED]))
         return f"{self.claims.name}: the run has no use for {named}{more} in {self.root}"
 
     def _others(self, at: str, wanted: Collection[str], above: Collection[str]) -> Iterator[str]:
@@ -330,28 +184,3 @@ def _base(condition: str, class_name: str, object_id: str) -> str:
 
 def _image(base: str, view: int) -> str:
     return f"{base}/{view:02d}.png"
-
-
-def entered_method(folder: Path, taken: Collection[str]) -> Method:
-    """Return the method whose images are in a folder; `taken` are ids that it must not have.
-
-    Raises BadInput as `read_claims`. The images are in the keys of jobs, the identity is the
-    version that the author states.
-    """
-    root = folder.absolute()
-    claims = read_claims(root, taken)
-    tree = ImageTree(root, claims)
-    return Method(
-        claims.name,
-        load=partial(_load, tree),
-        identity=partial(str, f"{claims.version or 'no version'}, entered by images"),
-        version=1,
-        source=claims.about,
-        trained_on=claims.trained_on,
-        images=tree,
-    )
-
-
-def _load(tree: ImageTree, device: str) -> ImageTree:
-    del device
-    return tree

@@ -1,0 +1,1 @@
+"""Methods that are entered by images: what their authors state, and the images."""
