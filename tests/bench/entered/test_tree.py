@@ -216,11 +216,11 @@ def time_of(number):
         (toml_of(hardware=["H100"]), "hardware \"['H100']\" is not a text; give a short text in "),
         (
             toml_of(draw_s=-1),
-            "draw_s '-1' is no number of seconds from 0 to 1e+06; give the time as a number",
+            "draw_s '-1' is no number of seconds from 0 to 1e+06; give the time as",
         ),
         (
             toml_of(draw_s="2"),
-            "draw_s \"'2'\" is no number of seconds from 0 to 1e+06; give the time as a number",
+            "draw_s \"'2'\" is no number of seconds from 0 to 1e+06; give the time as",
         ),
         (toml_of(export="abc"), "export 'abc' is no sha256; copy the identifier in the croissant"),
         (time_of("nan"), "draw_s 'nan' is no number of seconds"),
