@@ -15,15 +15,15 @@ of the singular values of A B'. Their rounding is 1e-16 of the largest one, wher
 root of eigenvalues is 1e-8 of it. Where there are more samples than features, A stands for the
 triangular factor of its QR decomposition.
 
-Moments in that form can be merged (`_merged`), exactly and in any order, so that features may come
-in blocks and the memory that they take is that of one block and of d x d numbers. Of more than
-EXACT_OBJECTS objects the jackknife leaves out groups of them, whose moments are made so
-(`GroupedMoments`): neither its cost nor its memory grows with the objects.
+Of more than EXACT_OBJECTS objects the jackknife leaves out groups of them, and features come in
+parts (`GroupedMoments`): of a group only sums are kept, and what is left without it is a
+difference. The factor is then that of a pivoted Cholesky decomposition. Neither cost nor memory
+grows with the objects.
 """
 
 from __future__ import annotations
 
-from collections.abc import Iterable, Iterator
+from collections.abc import Iterator
 from hashlib import blake2b
 from typing import Any, NamedTuple
 
@@ -35,10 +35,7 @@ from data_prep.arrays import Floats
 EXACT_OBJECTS = 60  # that the jackknife leaves out one after the other
 GROUPS = 30  # at most, that it leaves out of more objects
 _GROUP_SEED = 0
-_ROWS = 4096  # taken at a time: little memory
-_MOST_KEPT = 2**21  # numbers of the moments that a set may keep: 16 MB
-_WAITING = 1024  # rows of a group that are kept as they are before they become moments
-_PANEL = 32  # columns that LAPACK reduces at a time
+_EPSILON = float(np.finfo(np.float64).eps)  # relative distance of neighbouring numbers
 
 
 class TooFewSamples(ValueError):
@@ -46,16 +43,16 @@ class TooFewSamples(ValueError):
 
 
 class Moments(NamedTuple):
-    """The moments of rows, to which others may be added.
+    """The sums over rows about a centre, to which others about the same centre can be added.
 
-    n     how many rows; of none, `mean` is 0 and `root` has no row
-    mean  float64 [d]
-    root  float64 [at most d, d]; root.T @ root is the sum of (x - mean)(x - mean)' over the rows
+    n         how many rows
+    total     float64 [d], the sum of x - centre
+    products  float64 [d, d], the sum of (x - centre)(x - centre)'
     """
 
     n: int
-    mean: Floats
-    root: Floats
+    total: Floats
+    products: Floats
 
 
 class Centred(NamedTuple):
@@ -107,27 +104,6 @@ def centred(features: NDArray[Any]) -> Centred:
     return _centred(checked_set(features))
 
 
-def _merged(a: Moments, b: Moments) -> Moments:
-    """Return the moments of the rows of both: exact, whatever the counts; no rows change nothing.
-
-    The pairwise update of Chan, Golub and LeVeque 1983 on factors instead of covariances: below
-    each other stand both roots and the row sqrt(n m / (n + m)) (mean_b - mean_a), whose square is
-    what the scatter of the whole has beyond those of its parts. Rounding grows with the logarithm
-    of the number of merges in a tree, with their number in a row: 1e-16 of the trace each.
-
-    Raises ValueError where d differs.
-    """
-    if a.mean.shape != b.mean.shape:
-        raise ValueError(f"rows of {a.mean.size} and {b.mean.size} features cannot be merged")
-    if not a.n or not b.n:
-        return a if a.n else b
-    share = b.n / (a.n + b.n)
-    shift = b.mean - a.mean
-    between = np.sqrt(a.n * share) * shift
-    root = _triangle(np.concatenate([a.root, b.root, between[None]]))
-    return Moments(a.n + b.n, a.mean + share * shift, root)
-
-
 def centred_to_frechet(a: Centred, b: Centred) -> float:
     """Return the distance of two sets from their moments; >= 0.
 
@@ -145,7 +121,7 @@ def centred_to_frechet(a: Centred, b: Centred) -> float:
 class JackknifeMoments:
     """A feature set whose blocks of objects can be left out, one at a time.
 
-    Keeps the features as they come, float32 say; they are taken to float64 some rows at a time.
+    Keeps the features as they come, float32 say.
 
     groups  [n], the object that each row shows
     whole   the moments of all rows
@@ -162,127 +138,89 @@ class JackknifeMoments:
         if self.groups.shape != (n,):
             raise ValueError(f"{n} rows need groups of shape [{n}], got {list(self.groups.shape)}")
         self.whole = _centred(self._features)
-        self._kept: tuple[bytes, GroupedMoments] | None = None
 
     @property
     def has_rows(self) -> bool:
         """Return whether the factor of the whole set is its rows, not that of a decomposition."""
         return len(self.whole.factor) == len(self._features)
 
-    def without_blocks(self, member: NDArray[np.intp], count: int) -> Iterable[Centred]:
+    def without_blocks(self, member: NDArray[np.intp], count: int) -> Iterator[Centred]:
         """Return the moments without each block's rows, in the order of blocks 0 .. count - 1.
 
         member  [n], the block of each row; a block may have none here
 
-        They are kept for the next call with the same blocks where they are small. Raises
-        TooFewSamples: fewer than two rows left.
+        Raises TooFewSamples: fewer than two rows left.
         """
-        blocks = member.tobytes()
-        if self._kept is None or self._kept[0] != blocks:
-            self._kept = blocks, GroupedMoments(count)
-            self._kept[1].add(self._features, member)
-        return self._kept[1].without_each()
+        moments = GroupedMoments(count)
+        moments.add(self._features, member)
+        return moments.without_each()
 
 
 class GroupedMoments:
     """A feature set that comes in parts, and of which groups of objects can be left out.
 
-    Rows wait as they come, float32 say, until a group has _WAITING of them, or as many as features.
-    Then they are merged into its moments.
+    All sums are about one centre, the mean of the first part: those of features far from 0 would
+    lose their digits. Rows of a group wait as they come, float32 say, until they are more than the
+    features; the sums of 30 groups of 2,048 features would take 1 GB.
     """
 
     def __init__(self, count: int) -> None:
         """Take the number of groups."""
+        self._centre: Floats | None = None
+        self._whole: Moments | None = None
         self._waiting: list[list[NDArray[Any]]] = [[] for _ in range(count)]
-        self._moments: list[Moments | None] = [None] * count
-        self._merged: dict[tuple[int, int], Moments] = {}  # of consecutive groups
-        self._whole: Centred | None = None
-        self._kept: list[Centred] | None = None
+        self._taken: list[Moments | None] = [None] * count  # of rows that wait no longer
+
+    def __len__(self) -> int:
+        """Return the number of groups."""
+        return len(self._waiting)
 
     def add(self, features: NDArray[Any], groups: NDArray[np.intp]) -> None:
-        """Add rows [n, d] of the groups [n]. Raises ValueError as `frechet_distance`."""
+        """Add one or more rows [n, d] of groups [n]. Raises ValueError as `frechet_distance`."""
         features = _checked_features(features)
-        self._merged, self._whole, self._kept = {}, None, None
+        if self._centre is None:
+            self._centre = features.mean(axis=0, dtype=np.float64)
+        self._whole = _plus(self._whole, _moments(features, self._centre))
         order = np.argsort(groups, kind="stable")
         present, starts = np.unique(groups[order], return_index=True)
         for group, rows in zip(present.tolist(), np.split(order, starts[1:]), strict=True):
             waiting = self._waiting[group]
             waiting.append(features[rows])
-            if sum(map(len, waiting)) > max(_WAITING, features.shape[1]):
-                self._group(group)
+            if sum(map(len, waiting)) > features.shape[1]:
+                fresh = _moments(np.concatenate(waiting), self._centre)
+                self._taken[group] = _plus(self._taken[group], fresh)
+                waiting.clear()
 
     def whole(self) -> Centred:
-        """Return the moments of all rows, kept for the next call.
+        """Return the moments of all rows. Raises TooFewSamples: fewer than two rows."""
+        _, whole = self._sums()
+        return self._about_mean(whole)
 
-        Raises TooFewSamples: fewer than two rows.
-        """
-        if self._whole is None:
-            self._whole = _to_centred(self._between(0, len(self)))
-        return self._whole
+    def without_each(self) -> Iterator[Centred]:
+        """Yield the moments without each group. Raises TooFewSamples: fewer than two rows left."""
+        centre, whole = self._sums()
+        for taken, waiting in zip(self._taken, self._waiting, strict=True):
+            without = whole if taken is None else _minus(whole, taken)
+            if waiting:
+                without = _minus(without, _moments(np.concatenate(waiting), centre))
+            yield self._about_mean(without)
 
-    def __len__(self) -> int:
-        """Return the number of groups."""
-        return len(self._moments)
+    def _sums(self) -> tuple[Floats, Moments]:
+        """Return the centre and the sums of all rows. Raises TooFewSamples where there are none."""
+        if self._centre is None or self._whole is None:
+            raise TooFewSamples("a covariance needs at least 2 samples, got 0")
+        return self._centre, self._whole
 
-    def without_each(self) -> Iterable[Centred]:
-        """Return the moments without each group, kept for the next call where they are small.
-
-        Raises TooFewSamples: fewer than two rows left.
-        """
-        if self._kept is not None:
-            return self._kept
-        without = self._down(0, len(self), self._between(0, 0))
-        if self._are_small():
-            without = self._kept = list(without)
-            self._merged = {}
-        return without
-
-    def _down(self, low: int, high: int, outside: Moments) -> Iterator[Centred]:
-        """Yield the moments without each group low .. high - 1, from those of what is outside them.
-
-        Halves are added to what is outside them, their halves to that, down to the single groups:
-        nothing is ever taken off again, which would cancel, a row is looked at log2(groups) times,
-        and as many moments are held at a time.
-        """
-        if high - low == 1:
-            yield _to_centred(outside)
-            return
-        middle = (low + high) // 2
-        for half, other in (((low, middle), (middle, high)), ((middle, high), (low, middle))):
-            yield from self._down(*half, _merged_triangles(outside, self._between(*other)))
-
-    def _are_small(self) -> bool:
-        return len(self) * self._width() ** 2 <= _MOST_KEPT
-
-    def _between(self, low: int, high: int) -> Moments:
-        """Return the moments of groups low .. high - 1, kept where they are small."""
-        if high - low < 2:
-            return self._group(low) if low < high else _no_rows(self._width())
-        if (low, high) in self._merged:
-            return self._merged[low, high]
-        middle = (low + high) // 2
-        rows = _merged_triangles(self._between(low, middle), self._between(middle, high))
-        if self._are_small():  # large ones are merged anew
-            self._merged[low, high] = rows
-        return rows
-
-    def _group(self, group: int) -> Moments:
-        """Return the moments of a group. More rows than features do not wait any longer."""
-        known, waiting = self._moments[group], self._waiting[group]
-        if not waiting:
-            return known or _no_rows(self._width())
-        fresh = _moments(np.concatenate(waiting))
-        rows = _merged(known, fresh) if known else fresh
-        if rows.n > rows.mean.size:
-            self._moments[group] = rows
-            waiting.clear()
-        return rows
-
-    def _width(self) -> int:
-        """Return the number of features, which any group with rows tells."""
-        widths = [m.mean.size for m in self._moments if m]
-        widths += [waiting[0].shape[1] for waiting in self._waiting if waiting]
-        return widths[0] if widths else 0
+    def _about_mean(self, moments: Moments) -> Centred:
+        """Return moments about their own mean, without the directions that are only rounding."""
+        if moments.n < 2:
+            raise TooFewSamples(f"a covariance needs at least 2 samples, got {moments.n}")
+        centre, whole = self._sums()
+        shift = moments.total / moments.n
+        scatter = moments.products - np.outer(moments.total, shift)
+        # A difference is no more exact than the sums of all rows that something was taken off.
+        rounding = len(scatter) * _EPSILON * float(whole.products.diagonal().max())
+        return Centred(centre + shift, _cholesky(scatter, rounding) / np.sqrt(moments.n - 1))
 
 
 def grouped_distances(a: GroupedMoments, b: GroupedMoments) -> tuple[float, Floats]:
@@ -299,31 +237,32 @@ def grouped_distances(a: GroupedMoments, b: GroupedMoments) -> tuple[float, Floa
         return value, np.full(len(a), np.nan)
 
 
-def _merged_triangles(a: Moments, b: Moments) -> Moments:
-    """Return `_merged(a, b)`, up to three times as fast where a root is a triangle of d rows."""
-    if not _is_triangle(a.root):
-        a, b = b, a
-    if not _is_triangle(a.root):
-        return _merged(a, b)
-    from scipy.linalg.lapack import dtpqrt  # a moment to import, which most commands need not
-
-    d = a.mean.size
-    share = b.n / (a.n + b.n)
-    shift = b.mean - a.mean
-    rows, between = b.root, np.sqrt(a.n * share) * shift[None]
-    triangular = d if _is_triangle(rows) else 0  # rows of which LAPACK knows that they are one
-    if not triangular:
-        rows = np.concatenate([rows, between])
-    root, *_ = dtpqrt(triangular, min(_PANEL, d), a.root, rows)
-    if triangular:
-        root, *_ = dtpqrt(0, min(_PANEL, d), root, between)
-    return Moments(a.n + b.n, a.mean + share * shift, np.ascontiguousarray(root))
+def _moments(rows: NDArray[Any], centre: Floats) -> Moments:
+    """Return the sums of rows [n, d] about a centre."""
+    shifted = rows.astype(np.float64) - centre
+    return Moments(len(rows), shifted.sum(axis=0), shifted.T @ shifted)
 
 
-def _is_triangle(root: Floats) -> bool:
-    from scipy.linalg import bandwidth
+def _plus(known: Moments | None, fresh: Moments) -> Moments:
+    if known is None:
+        return fresh
+    return Moments(known.n + fresh.n, known.total + fresh.total, known.products + fresh.products)
 
-    return root.shape[0] == root.shape[1] > 1 and bandwidth(root)[0] == 0
+
+def _minus(whole: Moments, part: Moments) -> Moments:
+    return Moments(whole.n - part.n, whole.total - part.total, whole.products - part.products)
+
+
+def _cholesky(scatter: Floats, rounding: float) -> Floats:
+    """Return a factor [r, d] of a scatter [d, d], of the pivots above `rounding`."""
+    from scipy.linalg.lapack import dpstrf  # a moment to import, which most commands need not
+
+    triangle, order, rank, _ = dpstrf(scatter, rounding)
+    pivots = triangle.diagonal()[:rank] ** 2
+    rank = np.count_nonzero(pivots > rounding)  # LAPACK takes a first pivot of any size
+    factor = np.empty((rank, len(scatter)))
+    factor[:, order - 1] = np.triu(triangle[:rank])  # numbered from 1
+    return factor
 
 
 def object_blocks(objects: NDArray[Any]) -> tuple[NDArray[Any], NDArray[np.intp]]:
@@ -445,38 +384,8 @@ def _checked_features(features: NDArray[Any]) -> NDArray[Any]:
 def _centred(features: NDArray[Any]) -> Centred:
     """Return the centred moments; the rows are the factor unless they outnumber the features."""
     n, d = features.shape
-    if n > d:
-        return _to_centred(_moments(features))
     rows = features.astype(np.float64)
     mean = rows.mean(axis=0)
-    return Centred(mean, (rows - mean) / np.sqrt(n - 1))
-
-
-def _to_centred(moments: Moments) -> Centred:
-    """Return the moments of a set. Raises TooFewSamples for fewer than two rows."""
-    if moments.n < 2:
-        raise TooFewSamples(f"a covariance needs at least 2 samples, got {moments.n}")
-    return Centred(moments.mean, moments.root / np.sqrt(moments.n - 1))
-
-
-def _moments(features: NDArray[Any]) -> Moments:
-    """Return the moments of rows [n, d] in float64, some at a time."""
-    n, d = features.shape
-    whole = _no_rows(d)
-    size = max(_ROWS, 4 * d)
-    for start in range(0, n, size):
-        chosen = features[start : start + size].astype(np.float64)
-        mean = chosen.mean(axis=0)
-        whole = _merged(whole, Moments(len(chosen), mean, chosen - mean))
-    return whole._replace(root=_triangle(whole.root))
-
-
-def _no_rows(d: int) -> Moments:
-    """Return the moments of no rows of d features."""
-    return Moments(0, np.zeros(d), np.empty((0, d)))
-
-
-def _triangle(rows: Floats) -> Floats:
-    """Return at most d rows with the same rows.T @ rows: the rows, or the R of their QR."""
-    n, d = rows.shape
-    return rows if n <= d else np.asarray(np.linalg.qr(rows, mode="r"))
+    rows -= mean
+    factor = rows if n <= d else np.asarray(np.linalg.qr(rows, mode="r"))
+    return Centred(mean, factor / np.sqrt(n - 1))
