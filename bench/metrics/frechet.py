@@ -179,15 +179,16 @@ class GroupedMoments:
         """Add one or more rows [n, d] of groups [n]. Raises ValueError as `frechet_distance`."""
         features = _checked_features(features)
         if self._centre is None:
-            self._centre = features.mean(axis=0, dtype=np.float64)
-        self._whole = _plus(self._whole, _moments(features, self._centre))
+            self._centre = np.asarray(features.mean(axis=0, dtype=np.float64))
+        centre = self._centre
+        self._whole = _plus(self._whole, _moments(features, centre))
         order = np.argsort(groups, kind="stable")
         present, starts = np.unique(groups[order], return_index=True)
         for group, rows in zip(present.tolist(), np.split(order, starts[1:]), strict=True):
             waiting = self._waiting[group]
             waiting.append(features[rows])
             if sum(map(len, waiting)) > features.shape[1]:
-                fresh = _moments(np.concatenate(waiting), self._centre)
+                fresh = _moments(np.concatenate(waiting), centre)
                 self._taken[group] = _plus(self._taken[group], fresh)
                 waiting.clear()
 
@@ -255,9 +256,10 @@ def _minus(whole: Moments, part: Moments) -> Moments:
 
 def _cholesky(scatter: Floats, rounding: float) -> Floats:
     """Return a factor [r, d] of a scatter [d, d], of the pivots above `rounding`."""
-    from scipy.linalg.lapack import dpstrf  # a moment to import, which most commands need not
+    from scipy.linalg import get_lapack_funcs  # a moment to import, which most commands need not
 
-    triangle, order, rank, _ = dpstrf(scatter, rounding)
+    (pstrf,) = get_lapack_funcs(("pstrf",), dtype=np.float64)
+    triangle, order, rank, _ = pstrf(scatter, rounding)
     pivots = triangle.diagonal()[:rank] ** 2
     rank = np.count_nonzero(pivots > rounding)  # LAPACK takes a first pivot of any size
     factor = np.empty((rank, len(scatter)))
