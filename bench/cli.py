@@ -1,9 +1,13 @@
 """The list of commands, each loaded when it is called. Results go to stdout, the rest to stderr.
 
-Exit status: 0 done; 1 a regression, jobs that are others again, a machine that cannot run, a
-training that diverged, a failed method (on a cloud, or on all objects of a run), a failure that no
-longer occurs, or a request that no method meets; 2 an error for the user to fix; 130 interrupted;
-141 output closed by its reader.
+Exit status:
+0    done
+1    a negative result: a regression, jobs that give other results when they are computed again, an
+     installation with failed checks, a training that diverged, or a method that failed (on a cloud,
+     or on all objects of a run)
+2    an error that the user can fix
+130  interrupted with Ctrl-C
+141  the reader of the output closed it
 """
 
 from __future__ import annotations
@@ -21,7 +25,9 @@ import typer
 
 from bench.commands.options import SETTINGS, USAGE_ERROR, Group, plain_message
 
-COMMANDS = {  # name: module and name in it, first line of its help
+# By the name of each command: its module in bench.commands and its function there, and the line on
+# it in the help of bench.
+COMMANDS = {
     "run": ("run:run", "Run a suite, or go on with a stopped run; print its tables."),
     "list": (
         "listing:list_all",
@@ -42,6 +48,7 @@ COMMANDS = {  # name: module and name in it, first line of its help
     "doctor": ("doctor:doctor", "Check that everything that a run needs is installed."),
 }
 PACKAGE = "pc2pix-bench"
+# Seconds in which a further Ctrl-C is ignored, as the first one is still being handled.
 _INTERRUPT_EVERY_S = 1.0
 
 
@@ -80,7 +87,8 @@ class Commands(Group):
 
     def invoke(self, ctx: Any) -> Any:
         """Run the command."""
-        # Typer catches interrupts and broken pipes around `app()`: they are handled within it.
+        # Interrupts and broken pipes are handled here, as typer would catch them around `app()` and
+        # print messages of its own.
         from data_prep.failures import BadInput
         from learning.divergence import TrainingDiverged
 
@@ -94,22 +102,26 @@ class Commands(Group):
             raise _ended(f"{error}; a lower learning rate may help", 1) from error
         except USAGE_ERROR as error:  # an unknown command or option, or a wrong value
             raise _refused(error) from error
-        except SystemExit as error:  # no command ends so, but the code of a package may
+        except SystemExit as error:  # our commands raise typer.Exit; a plug-in may call exit()
             raise _ended(
                 f"an installed package has called exit({error.code}); 'bench test NAME' with its "
                 "methods, metrics, datasets and conditions says which",
                 1,
             ) from error
         except KeyboardInterrupt as error:
-            resumes = ctx.invoked_subcommand in ("run", "train")
-            # Python hands Ctrl-C back to the kernel when it ends: another one would kill it.
+            # When Python ends, it restores the kernel's handling of Ctrl-C, so that another Ctrl-C
+            # would kill it with another exit status: it is ignored from here on.
             signal.signal(signal.SIGINT, signal.SIG_IGN)
-            hint = "; the same command goes on from here" * resumes
-            raise _ended(f"interrupted{hint}", 130) from error
+            text = "interrupted"
+            if ctx.invoked_subcommand in ("run", "train"):
+                text = "interrupted; the same command goes on from here"
+            raise _ended(text, 130) from error
         except BrokenPipeError as error:
-            for stream in (sys.stdout, sys.stderr):  # Python flushes them when it ends
+            # When Python ends, it writes what is left in these streams, which would fail again and
+            # print a traceback: they lead to nowhere from here on.
+            for stream in (sys.stdout, sys.stderr):
                 os.dup2(os.open(os.devnull, os.O_WRONLY), stream.fileno())
-            raise typer.Exit(141) from error  # as other programs end that SIGPIPE kills
+            raise typer.Exit(141) from error  # the status of a program that SIGPIPE (13) kills
         except OSError as error:  # a full disk, a folder that may not be written
             raise _ended(f"{error}; fix this, and the same command goes on") from error
 
@@ -174,14 +186,14 @@ def _all(
         ),
     ] = False,
 ) -> None:
-    """Make the app a group; its commands are not registered but loaded by name."""
+    """Take the options of the group; the commands themselves are loaded by `Commands`."""
 
 
 def _interrupt_handler(
     clock: Callable[[], float] = time.monotonic,
 ) -> Callable[[int, object], None]:
     """Return a handler of Ctrl-C that raises KeyboardInterrupt, but not twice within a second."""
-    # A second one would break off what the first has begun: stopping workers, closing files.
+    # A second one would interrupt what the first has begun: stopping workers and closing files.
     last = float("-inf")
 
     def handle(signum: int, frame: object) -> None:
@@ -195,16 +207,20 @@ def _interrupt_handler(
 
 
 def main(arguments: Sequence[str] | None = None) -> None:
-    """Run the console script `bench`; with `arguments`, else with those of the process."""
-    if sys.platform == "win32":  # without fork and locks of files
-        print("bench: Windows: use WSL 2 or Docker (docs/platforms.md)", file=sys.stderr)
+    """Run the console script `bench` with `arguments`, by default those of the process."""
+    if sys.platform == "win32":  # has no fork and no locks of files, which workers and runs need
+        print(
+            "bench: Windows is not supported; use WSL 2 or Docker (docs/platforms.md)",
+            file=sys.stderr,
+        )
         raise SystemExit(2)
-    if signal.getsignal(signal.SIGINT) is signal.default_int_handler:  # else it is ignored
+    # A process that was started in the background ignores Ctrl-C; that stays so.
+    if signal.getsignal(signal.SIGINT) is signal.default_int_handler:
         signal.signal(signal.SIGINT, _interrupt_handler())
-    for name in ("stdout", "stderr"):  # None where the caller has closed it
+    for name in ("stdout", "stderr"):  # a stream is None where the caller has closed it
         if getattr(sys, name) is None:
             setattr(sys, name, os.fdopen(os.open(os.devnull, os.O_WRONLY), "w"))
-        # No work ends in an error over a character that the terminal cannot show.
+        # Characters that the terminal cannot show are escaped, as they would raise an error.
         if reconfigure := getattr(getattr(sys, name), "reconfigure", None):
             reconfigure(errors="backslashreplace")
     try:
@@ -212,7 +228,8 @@ def main(arguments: Sequence[str] | None = None) -> None:
     except OSError:
         print("bench: the current folder is gone; change to another, with cd", file=sys.stderr)
         raise SystemExit(2) from None
-    # Figures go into files. A notebook names a backend of its own, which may not be installed here.
+    # Figures are only written into files. MPLBACKEND is set, as a notebook exports a backend of its
+    # own, which may not be installed here.
     os.environ["MPLBACKEND"] = "agg"
     app(arguments, prog_name="bench")
 

@@ -24,9 +24,9 @@ if TYPE_CHECKING:
     from bench.check.golden import CheckResult
     from bench.check.objects import GoldenDeviation, Widths
 
-_MOST_SEED = 2**32
-_MOST_MOVED = 8  # objects of the sheet
-_ACROSS = 4  # tiles of it: two objects in a row
+_SEEDS = 2**32  # the number of seeds that --again draws one of: as many as fill 32 bits
+_MOST_MOVED = 8  # objects shown in the sheet of those that moved most: as many as fit on a screen
+_TILES_IN_A_ROW = 4  # in that sheet; an object takes two tiles, so that a row shows two objects
 
 
 @dataclass(frozen=True)
@@ -44,8 +44,8 @@ class _CheckOptions:
     seed: int | None = None
 
     @property
-    def of_golden(self) -> list[str]:
-        """Return the options given that are of golden values alone."""
+    def golden_options(self) -> list[str]:
+        """Return the flags given that only a comparison with golden values uses."""
         defaults = _CheckOptions()
         named = ("golden", "bless", "tolerance", "strict", "format")
         return [f"--{name}" for name in named if getattr(self, name) != getattr(defaults, name)]
@@ -60,19 +60,22 @@ class _CheckOptions:
         "results/golden, replace those of the suite. Default: compare.",
         "tolerance": OptionSpec(
             "How far a value of an object may move from that in --golden, comma-separated. "
-            "Default: by docs/maintaining.md.",
+            "Default: the tolerances in docs/maintaining.md.",
             metavar="METRIC=X",
         ),
         "strict": "Compare objects to the last digit in another environment, too. Default: with "
         "wider tolerances, which are printed.",
         "format": "Format of the verdict on golden values.",
         "claims": "Check the paper's claims on the runs instead of golden values.",
-        "methods": "Methods, comma-separated, for --claims. Default: all pc2pix.",
+        "methods": "Methods, comma-separated, for which --claims tests the claims about pc2pix. "
+        "Default: all variants of pc2pix.",
         "again": OptionSpec(
-            "Part of the jobs to compute again and to compare, over 0 to 1. Default: none.",
+            "Share of the jobs to compute again and to compare, above 0 and at most 1. Default: "
+            "none.",
             metavar="SHARE",
         ),
-        "seed": "Which jobs, for --again. Default: another each time, printed.",
+        "seed": "Seed that chooses the jobs of --again. Default: another one each time, which is "
+        "printed.",
     },
 )
 def check(
@@ -84,34 +87,41 @@ def check(
     """Compare a run with golden values, or with itself. Exit 0 if all agree, else 1."""
     from bench.check import golden as checks
 
-    again, seed, given = options.again, options.seed, options.of_golden
+    again, seed, given = options.again, options.seed, options.golden_options
     if again is not None and (given or options.claims):
-        alone = ", ".join([*given, *["--claims"] * options.claims])
-        raise BadInput(f"--again: compares a run with itself; leave {alone}")
+        conflicting = [*given, "--claims"] if options.claims else given
+        raise BadInput(f"--again: compares a run with itself; leave out {', '.join(conflicting)}")
     if seed is not None and again is None:
         raise BadInput("--seed: chooses the jobs that are computed again; give --again with it")
     if options.claims and given:
-        raise BadInput(f"--claims: compares with the paper; leave {', '.join(given)}")
+        raise BadInput(f"--claims: compares with the paper; leave out {', '.join(given)}")
     if options.claims:
         _check_claims(list(dict.fromkeys(directories)), options.methods or ())
         return
     if options.methods is not None:
-        raise BadInput("--methods: golden values are of all methods; give --claims with it")
+        raise BadInput(
+            "--methods: golden values are compared for all methods; give --claims with it, or "
+            "leave out --methods"
+        )
     if len(directories) > 1:
-        raise BadInput(f"{len(directories)} folders: give one, or several with --claims")
+        raise BadInput(
+            f"{len(directories)} folders: golden values are compared with one run; give one "
+            "folder, or --claims, which takes several"
+        )
     (directory,) = directories
     if again is not None:
-        _check_again(directory, again, secrets.randbelow(_MOST_SEED) if seed is None else seed)
+        _check_again(directory, again, secrets.randbelow(_SEEDS) if seed is None else seed)
         return
     if options.bless is not None:
         if others := [option for option in given if option != "--bless"]:
-            raise BadInput(f"--bless: writes golden values; leave {', '.join(others)}")
+            raise BadInput(f"--bless: writes golden values; leave out {', '.join(others)}")
         for path in checks.bless(directory, options.bless):
             print(f"golden values written to {path}")
         return
     if options.tolerance and options.golden is None:
         raise BadInput(
-            "--tolerance: the golden values of results/golden have their own; give --golden FILE"
+            "--tolerance: the golden values of results/golden have tolerances of their own; give "
+            "--golden FILE with it, or leave out --tolerance"
         )
     widths = _widths(options.tolerance or (), options.strict)
     verdict = checks.check(directory, widths, options.golden)
@@ -125,14 +135,16 @@ def check(
         print(f"bench: {error}", file=sys.stderr)
     if options.format == "text":
         _print_verdict(verdict, drawn)
+    elif options.format == "json":
+        print(_as_json(directory, verdict))
     else:
-        print((_as_json if options.format == "json" else _as_junit)(directory, verdict))
+        print(_as_junit(directory, verdict))
     if verdict.regressions:
         raise typer.Exit(1)
 
 
 def _widths(given: Sequence[str], strict: bool) -> Widths:
-    """Return the tolerances of the command line. Raises BadInput for one that cannot be used."""
+    """Return the tolerances given as METRIC=X. Raises BadInput for one that cannot be used."""
     from bench.check.objects import Widths
     from bench.check.tolerances import OBJECT_RENDERING
 
@@ -141,8 +153,8 @@ def _widths(given: Sequence[str], strict: bool) -> Widths:
         metric, _, number = text.partition("=")
         if metric not in OBJECT_RENDERING:
             raise BadInput(
-                f"--tolerance {text}: no metric of golden values; give METRIC=X with one of "
-                f"{', '.join(OBJECT_RENDERING)}"
+                f"--tolerance {text}: {metric!r} is no metric of golden values; give METRIC=X with "
+                f"one of {', '.join(OBJECT_RENDERING)}"
             )
         try:
             width = float(number)
@@ -176,9 +188,9 @@ def _print_verdict(verdict: CheckResult, drawn: Path | None) -> None:
 
 
 def _as_json(directory: Path, verdict: CheckResult) -> str:
-    """Return a verdict as JSON; a value that there is not is null."""
+    """Return a verdict as JSON; a value that is missing or not finite is null."""
 
-    def value(number: float) -> float | None:
+    def finite(number: float) -> float | None:
         return number if math.isfinite(number) else None
 
     told = {
@@ -186,20 +198,25 @@ def _as_json(directory: Path, verdict: CheckResult) -> str:
         "agrees": not verdict.regressions,
         "compared": verdict.compared,
         "regressions": [
-            {"method": c.method, "condition": c.condition, "metric": c.metric, "problem": c.problem}
-            for c in verdict.comparisons
-            if c.problem
+            {
+                "method": comparison.method,
+                "condition": comparison.condition,
+                "metric": comparison.metric,
+                "problem": comparison.problem,
+            }
+            for comparison in verdict.comparisons
+            if comparison.problem
         ],
         "others": verdict.others,
         "objects": [
             {
-                **d.item._asdict(),
-                "metric": d.metric,
-                "value": value(d.actual),
-                "golden": value(d.golden),
-                "tolerance": d.allowed,
+                **deviation.item._asdict(),
+                "metric": deviation.metric,
+                "value": finite(deviation.actual),
+                "golden": finite(deviation.golden),
+                "tolerance": deviation.allowed,
             }
-            for d in verdict.moved
+            for deviation in verdict.moved
         ],
         "remarks": verdict.remarks,
     }
@@ -213,10 +230,9 @@ def _as_junit(directory: Path, verdict: CheckResult) -> str:
     """
     suite = ElementTree.Element("testsuite", name=visible(f"bench check {directory}"))
     for compared in verdict.comparisons:
-        name = f"{compared.metric} at {compared.condition}"
-        names = {"classname": compared.method, "name": name}
-        names = {key: visible(name) for key, name in names.items()}
-        case = ElementTree.SubElement(suite, "testcase", names)
+        method = visible(compared.method)
+        name = visible(f"{compared.metric} at {compared.condition}")
+        case = ElementTree.SubElement(suite, "testcase", classname=method, name=name)
         if compared.problem:
             ElementTree.SubElement(case, "failure", message=visible(str(compared)))
     for line in verdict.others:
@@ -237,10 +253,12 @@ def _moved_path(directory: Path) -> Path:
 
 
 def _write_deviations(directory: Path, moved: Sequence[GoldenDeviation], ours: bool) -> Path | None:
-    """Draw the objects that moved most into a run's folder, beside golden thumbnails or truths.
+    """Draw the objects that moved most, and return the path of the sheet; None without any.
 
-    Only golden values that are `ours` have thumbnails. An image is of the first view; the metric is
-    the one that moved most. Without any object an old file is removed. Raises CannotWrite.
+    Each object has two tiles: its image from the first view, labelled with the metric that moved
+    most, and beside it the golden thumbnail. Golden values that are not `ours` have no thumbnails;
+    the true image stands in their place. Where no object moved, an older sheet is removed.
+    Raises CannotWrite.
     """
     from bench.check.objects import golden_thumbnails, stored_images
     from bench.check.objects import number as rounded
@@ -258,46 +276,57 @@ def _write_deviations(directory: Path, moved: Sequence[GoldenDeviation], ours: b
         try:
             path.unlink(missing_ok=True)
         except OSError as error:
-            raise CannotWrite(f"{path}: cannot be removed ({error.strerror}); remove it") from error
+            raise CannotWrite(
+                f"{path}: shows an earlier check and cannot be removed ({error.strerror}); "
+                "remove it yourself"
+            ) from error
         return None
     stored = stored_artifacts(directory)
-    before = golden_thumbnails(golden_name(read_manifest(directory))) if ours else None
-    tiles, times = [], IMAGE_SIZE // SIDE
+    thumbnails = golden_thumbnails(golden_name(read_manifest(directory))) if ours else None
+    tiles, enlargement = [], IMAGE_SIZE // SIDE
     for deviation in list(worst.values())[:_MOST_MOVED]:
         images = stored_images(stored, deviation.item)
         method, condition, *obj = deviation.item
         drawn = "no image" if images is None else images[:1]
         now, was = rounded(deviation.actual), f"golden {rounded(deviation.golden)}"
-        moved_to, cell = f"{deviation.metric} {now}", f"{method}, {condition}"
-        if before is not None:
-            thumbnail = before[[deviation.line]].repeat(times, axis=1).repeat(times, axis=2)
+        moved_to, drawn_by = f"{deviation.metric} {now}", f"{method}, {condition}"
+        if thumbnails is not None:
+            thumbnail = thumbnails[[deviation.line]]
+            thumbnail = thumbnail.repeat(enlargement, axis=1).repeat(enlargement, axis=2)
             tiles.append(Tile(f"{'/'.join(obj)}: {moved_to}", drawn))
-            tiles.append(Tile(f"{was}, {cell}", thumbnail))
+            tiles.append(Tile(f"{was}, {drawn_by}", thumbnail))
         else:
             truth = stored_images(stored, deviation.item.truth)
-            tiles.append(Tile(f"{'/'.join(obj)}, {cell}", drawn))
+            tiles.append(Tile(f"{'/'.join(obj)}, {drawn_by}", drawn))
             shown = "no true image" if truth is None else truth[:1]
             tiles.append(Tile(f"truth; {moved_to}, {was}", shown))
-    write_images(draw_sheet(tiles, min(_ACROSS, len(tiles)), scale=2), path)
+    write_images(draw_sheet(tiles, min(_TILES_IN_A_ROW, len(tiles)), scale=2), path)
     return path
 
 
 def _check_again(directory: Path, share: float, seed: int) -> None:
-    """Print a line for each job whose results are others than in the run, and how many are not."""
+    """Compute a share of a run's jobs again; print those with other results, and a summary.
+
+    Raises typer.Exit where a job has other results.
+    """
     from bench.check.again import check_again
 
     result = check_again(directory, share, seed)
     for line in result.differing:
         print(visible(f"DIFFERS {line}"))
-    agree = "equal" if result.same_environment else "within tolerances"
-    verdict = f"{len(result.differing)} differ" if result.differing else f"all {agree}"
+    if result.differing:
+        verdict = f"{len(result.differing)} differ"
+    elif result.same_environment:
+        verdict = "all equal"
+    else:
+        verdict = "all within tolerances"
     print(f"{result.computed} of {result.total} jobs computed again: {verdict}")
     if result.differing:
         raise typer.Exit(1)
 
 
 def _check_claims(directories: list[Path], methods: Sequence[str]) -> None:
-    """Print the checklist, and write it into the first folder."""
+    """Print the checklist of the paper's claims, and write it into the first run's folder."""
     from bench.check.checklist import check_claims, to_markdown, write_checklist
 
     checklist = check_claims(directories, methods)

@@ -7,8 +7,8 @@ from pathlib import Path
 
 from data_prep.files.safe_read import read_text
 
-_SOURCE = Path(__file__).parents[1] / "CITATION.cff"  # a link to that of the repository
-_MOST_BYTES = 2**16
+_SOURCE = Path(__file__).parents[1] / "CITATION.cff"  # a link to the file in the repository's root
+_MOST_BYTES = 2**16  # the largest CITATION.cff that is read; the file has about 1,000 bytes
 
 
 def cite() -> None:
@@ -20,9 +20,10 @@ def bibtex(citation: str) -> str:
     """Return the BibTeX of the text of this project's CITATION.cff: the program, then the paper."""
     _, program, paper = re.split("^(?:preferred-citation|references):$", citation, flags=re.M)
     first, last = _value(paper, "given-names"), _value(paper, "family-names")
+    # Inner braces keep BibTeX from splitting a name that is no person's, and capitals in titles.
     of_program = {
-        "author": f"{{{_value(program, 'name')}}}",  # in braces, as it is no person's
-        "title": f"{{{_value(program, 'title')}}}",  # capitals stay so
+        "author": f"{{{_value(program, 'name')}}}",
+        "title": f"{{{_value(program, 'title')}}}",
         "year": _value(program, "year"),
         "note": f"Version {_value(program, 'version')}",
     }
@@ -43,6 +44,10 @@ def _fields(values: dict[str, str]) -> str:
 
 
 def _value(section: str, name: str) -> str:
-    """Return a value of a part of the file, which a test compares with what YAML reads there."""
+    """Return the value of the key `name` in a section of CITATION.cff.
+
+    A regular expression stands in for a YAML parser, which is no dependency; a test compares all
+    values with those that a YAML parser reads.
+    """
     (text,) = re.findall(rf"^[ -]*\b{name}: *(?:>-\n *)?(.*)$", section, flags=re.M)
     return text.strip('"')

@@ -1,4 +1,4 @@
-"""A run again, by its manifest: the options in the file become those of the command."""
+"""The option --config: the options in the manifest of a run become those of the command."""
 
 from __future__ import annotations
 
@@ -19,10 +19,11 @@ from bench.running.protocol import name_of, objects_of
 from data_prep.datasets.registry import open_dataset
 from data_prep.failures import BadInput
 
-_REQUEST = "request"  # key in a manifest: the options of the command
-_INSTEAD = "give the manifest.json of another run"
-MEASURED = {*REPEATED} - {"device"}  # where it was measured is no part of what
-JOB_SUITES = {suite.id: suite for suite in SUITES}
+_REQUEST = "request"  # the key in a manifest that holds the options of the command
+_INSTEAD = "give the manifest.json of another run"  # the remedy for a manifest that cannot be used
+# The options that decide what a run measures. The device only decides where it is measured.
+MEASURED = {*REPEATED} - {"device"}
+JOB_SUITES = {suite.id: suite for suite in SUITES}  # the suites whose runs consist of jobs
 
 
 def read_config(path: Path) -> dict[str, Any]:
@@ -31,25 +32,25 @@ def read_config(path: Path) -> dict[str, Any]:
     A list becomes text separated by commas, as on the command line. Raises BadInput for a file that
     cannot be read, or is no manifest that this version can repeat.
     """
-    return {
-        name: ",".join(map(str, value)) if isinstance(value, list) else value
-        for name, value in repeated_request(path).items()
-    }
+    options = {}
+    for name, value in repeated_request(path).items():
+        options[name] = ",".join(map(str, value)) if isinstance(value, list) else value
+    return options
 
 
 def refuse_other_objects(options: Options, path: Path | None) -> None:
-    """Raise BadInput where a run is to be repeated and would have other objects.
+    """Raise BadInput where the run in a manifest is to be repeated and would have other objects.
 
-    Options choose the first objects of each class; the complete objects of a stopped
-    run may be others, and the dataset may have changed. Other options of the command line pass.
+    Options choose the first objects of each class. The objects that a stopped run has completed may
+    be others, and the dataset may have changed since. Nothing is refused where the command line
+    asks for another suite, dataset or limit than the manifest: then other objects are wanted.
     """
     if path is None or options.suite not in JOB_SUITES:
         return
     manifest, repeated = _manifest(path), read_config(path)
-    if (options.suite, options.dataset, options.limit) != (
-        *(repeated.get(name) for name in ("suite", "dataset", "limit")),
-    ):
-        return
+    for name in ("suite", "dataset", "limit"):
+        if getattr(options, name) != repeated.get(name):
+            return
     suite = JOB_SUITES[options.suite]
     names = [name_of(obj) for obj in objects_of(suite, open_dataset(options.dataset), options)]
     if names != manifest["objects"]:
@@ -65,7 +66,7 @@ def _manifest(path: Path) -> Mapping[str, Any]:
     manifest = load_manifest(path, remedy=_INSTEAD)
     if not manifest.get(_REQUEST):
         raise BadInput(
-            f"{path}: has no options of a run; give the manifest.json of a run of this version"
+            f"{path}: holds no options of a run; give the manifest.json of a run of this version"
         )
     return manifest
 
@@ -73,23 +74,27 @@ def _manifest(path: Path) -> Mapping[str, Any]:
 def repeated_request(path: Path) -> Mapping[str, Any]:
     """Return the request in a manifest, with the methods, conditions and views it has measured.
 
-    What does not say what is measured is left out: a manifest may come from anywhere. Raises
+    Options that do not decide what is measured, such as a folder or a number of workers, are left
+    out: a manifest may come from a stranger, who must not choose them. Raises
     BadInput for a file that is no manifest, and for a run of another version of the protocol or of
     the schema.
     """
     manifest = _manifest(path)
     if (schema := manifest["schema_version"]) != SCHEMA_VERSION:
         raise BadInput(
-            f"{path}: of schema {schema}, this version has {SCHEMA_VERSION} and would measure "
+            f"{path}: has schema {schema}, and this version has {SCHEMA_VERSION} and would measure "
             f"something else; use the version that made it, or {_INSTEAD}"
         )
-    request = {name: value for name, value in manifest[_REQUEST].items() if name in MEASURED}
+    repeated = {name: value for name, value in manifest[_REQUEST].items() if name in MEASURED}
     if manifest["suite"] not in JOB_SUITES:
-        return request
-    repeated = request | {name: manifest[name] for name in ("conditions", "views")}
+        return repeated
+    repeated["conditions"] = manifest["conditions"]
+    repeated["views"] = manifest["views"]
     repeated["methods"] = [address_of(manifest, method) for method in manifest["methods"]]
-    classes = Counter(name.partition("/")[0] for name in manifest["objects"])
-    return repeated | ({"limit": max(classes.values())} if classes else {})
+    objects_of_class = Counter(name.partition("/")[0] for name in manifest["objects"])
+    if objects_of_class:
+        repeated["limit"] = max(objects_of_class.values())
+    return repeated
 
 
 def _take(context: typer.Context, path: Path | None) -> Path | None:
@@ -122,7 +127,7 @@ ConfigOption = Annotated[
     typer.Option(
         "--config",
         metavar="FILE",
-        is_eager=True,  # the others have their defaults from it
+        is_eager=True,  # read before all other options, whose defaults it sets
         callback=_take,
         parser=read_path,
         help="The manifest.json of a run, to repeat it. Options of the command line replace those "

@@ -38,9 +38,9 @@ def test(
         typer.Argument(
             metavar="NAME",
             help="A method ('convex-hull', 'splat-net@FILE.safetensors'), a metric or condition of "
-            "another package, a dataset ('list:PATH'), or MODULE:NAME of a module without a "
-            "package, of a reader MODULE:NAME:PATH. The module may be in the current folder: this "
-            "form alone executes files of it.",
+            "another package, a dataset ('list:PATH'), or MODULE:NAME for a plug-in in a module "
+            "without a package; for a reader of datasets MODULE:NAME:PATH. The module may be in "
+            "the current folder; no other form executes files there.",
         ),
     ],
 ) -> None:
@@ -50,11 +50,11 @@ def test(
     """
     from bench.check.contract.plugin import plugin_findings
 
-    if ":" in family_of(name) and not is_dataset(name):  # MODULE:NAME
+    if ":" in family_of(name) and not is_dataset(name):  # the form MODULE:NAME
         search_folder()
     findings = printed(plugin_findings(name))
     if is_blocked(findings):
-        print(summary(findings, f"mend what FAIL says, then bench test {name}"))
+        print(summary(findings, f"fix what is marked FAIL, then bench test {name}"))
         raise typer.Exit(1)
     print(summary(findings, _next_command(name)))
 
@@ -77,7 +77,10 @@ def _next_command(name: str) -> str:
 
 
 def printed(findings: Iterable[Finding], failed_only: bool = False) -> list[Finding]:
-    """Print a line for each finding as it comes, or for each that is not ok; return all."""
+    """Print a line for each finding as it comes, and return all of them.
+
+    With `failed_only`, findings that are ok are not printed.
+    """
     seen = []
     for finding in findings:
         if not (failed_only and finding.ok):
@@ -91,9 +94,10 @@ def add(
         str,
         typer.Argument(
             metavar="METHOD",
-            help="A method, or several, comma-separated: as --methods of 'bench run' takes them; "
-            "MODULE:NAME of a module in the current folder, too, which alone executes files of it; "
-            "images:TREE of one that drew an export elsewhere, see docs/extending.md.",
+            help="A method, or several, comma-separated, as --methods of 'bench run' takes them; "
+            "or MODULE:NAME for a method in a module, which may be in the current folder (no other "
+            "form executes files there); or images:TREE for a method that drew an export "
+            "elsewhere, see docs/extending.md.",
         ),
     ],
     directory: RunDirectory,
@@ -102,16 +106,16 @@ def add(
         bool,
         typer.Option(
             "--test/--no-test",
-            help="Test a method of your own first, as 'bench test'. A method of more than 20 "
-            "seconds a cloud does not pass.",
+            help="Test a method of your own first, as 'bench test' does. A method that needs more "
+            "than 20 seconds for a cloud does not pass.",
         ),
     ] = True,
     dataset: Annotated[
         str | None,
         typer.Option(
-            help="Objects of your own, as --dataset of 'bench run': the methods of the run are "
-            "measured there with yours, alike but for the objects, as a run beside DIR. Default: "
-            "the objects of the run.",
+            help="A dataset with other objects, as --dataset of 'bench run' takes it. The methods "
+            "of the run and yours are measured on it with the settings of the run, in a new folder "
+            "beside DIR. Default: the objects of the run.",
         ),
     ] = None,
     limit: Annotated[
@@ -125,8 +129,8 @@ def add(
 ) -> None:
     """Add a method to a finished run: test it, draw what the run drew, and say where it stands.
 
-    Its values, its place, and how it compares, object by object, with the best of the other methods
-    by each metric of the headline table, and with best-classical.
+    Printed are its values, its place, and how it compares, object by object, with the best of the
+    other methods by each metric of the headline table, and with best-classical.
 
     Only its jobs are done. Exit 1 if the test finds what blocks a run, or if all its images fail.
     """
@@ -156,7 +160,8 @@ def add(
         for name in ids:
             print("\n".join(standing_lines(run, headline, name, ids, terminal_width())))
         print(f"\nreport: {finished.directory / REPORT}")
-    new = tuple(name for name in finished.hopeless if name in ids)  # others were so before
+    # Methods of the run that had no image before are no result of this command.
+    new = tuple(name for name in finished.hopeless if name in ids)
     finished = replace(finished, hopeless=new)
     print_ending(finished)
     leave(finished)
@@ -210,18 +215,21 @@ def on_dataset(options: Options, dataset: str, limit: int | None, out: Path | No
 
 
 def is_own(name: str) -> bool:
-    """Return whether a method, or its weights, are of the user and not of this project."""
+    """Return whether a method, or its file of weights, is the user's and not this project's."""
     is_file = variant_of(name).endswith(".safetensors")
     return is_file or is_module_name(name) or name in announced("method")
 
 
 def _pass_test(name: str) -> None:
-    """Test a method, and print what is not kept. Raises typer.Exit where this blocks a run."""
+    """Test a method, and print the points of the contract that it does not keep.
+
+    Raises typer.Exit where one of them blocks a run.
+    """
     from bench.check.contract.plugin import plugin_findings
 
     print(f"testing {name}, at most a minute", file=sys.stderr)
     findings = printed(plugin_findings(name), failed_only=True)
     if is_blocked(findings):
-        print(summary(findings, "mend what FAIL says, then add it again"))
+        print(summary(findings, "fix what is marked FAIL, then add it again"))
         raise typer.Exit(1)
     print(summary(findings))

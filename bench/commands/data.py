@@ -1,4 +1,4 @@
-"""`bench data`: inspection of a dataset, check of its files, and export of a run's inputs."""
+"""`bench data`: inspect a dataset, check the files of an export, and export a run's inputs."""
 
 from __future__ import annotations
 
@@ -45,10 +45,12 @@ from data_prep.progress import progress
 from data_prep.randomness import generator
 
 _EXPORTED_SUFFIXES = (".csv", ".ply", ".png")
-LIMITS = Limits(time_s=120.0, memory_gib=4.0)  # for one object
-_ENDLESS_SAMPLE = 3  # objects of a class where the dataset has no end
-# Readings of the angles closer than this are not distinguished: an object may look nearly the same
-# from both sides, and the outermost points of its outline fall beside its pixels.
+LIMITS = Limits(time_s=120.0, memory_gib=4.0)  # the limits of a worker that reads one object
+_ENDLESS_SAMPLE = 3  # objects read of each class of a dataset that makes as many as one asks for
+# Two ways to read the angles of a dataset are told apart only where the shares of points that fall
+# on the object's silhouettes differ by more than this. Smaller differences say nothing: an object
+# may look nearly the same from both sides, and the outermost points of its outline fall beside its
+# pixels.
 _INDIFFERENCE = 0.01
 _UNUSABLE = "it cannot be used"
 
@@ -56,8 +58,10 @@ _UNUSABLE = "it cannot be used"
 class _Inspection(NamedTuple):
     """A report on a dataset.
 
-    spec    the dataset as `bench run` takes it
-    clouds  whether all objects that were read are clouds without a mesh, which cannot be scored
+    spec       the dataset as `bench run --dataset` takes it
+    lines      the facts about the dataset, a line each
+    irregular  the problems that were found, a line each
+    clouds     whether all objects that were read are clouds without a mesh, which cannot be scored
     """
 
     spec: str
@@ -69,9 +73,10 @@ class _Inspection(NamedTuple):
 class _ObjectReport(NamedTuple):
     """The findings on an object.
 
-    problems   kind and place of each
-    agreement  the share of its points on its silhouettes, for each reading of the angles
-    bare       whether it is a cloud without a mesh
+    problems   for each problem its kind, and the place or reason
+    agreement  the share of the object's points that fall on its silhouettes, for each way to read
+               the angles of its images; None for objects without images of their own
+    bare       whether the object is a cloud without a mesh
     """
 
     problems: tuple[tuple[str, str], ...]
@@ -80,10 +85,10 @@ class _ObjectReport(NamedTuple):
 
 
 def inspect(location: str, sample: int, workers: int) -> _Inspection:
-    """Inspect a dataset ("shapenet:PATH"), or a folder, whose layout is recognised.
+    """Inspect a dataset ("shapenet:PATH"), or a folder whose layout is found out.
 
-    `sample` objects of each class are read, spread over those that a run would measure. Raises
-    BadInput where nothing can be used at all.
+    `sample` objects of each class are read, spread evenly over those that a run would measure.
+    Raises BadInput where the location holds no dataset at all, and for a negative sample.
     """
     if sample < 0:
         raise BadInput(f"--sample {sample}: must be at least 0")
@@ -92,7 +97,7 @@ def inspect(location: str, sample: int, workers: int) -> _Inspection:
     chosen = _sample(dataset, sample)
     reports: dict[str, _ObjectReport] = {}
     with progress("reading", len(chosen)) as advance:
-        # In workers: the files come from strangers.
+        # Files of strangers may crash or hang a library, so that they are read in workers.
         for obj, outcome in run_tasks(chosen, _examine, max(1, min(workers, len(chosen))), LIMITS):
             if isinstance(outcome, WorkerFailure):
                 outcome = _ObjectReport((("it cannot be read", outcome.reason),))
@@ -136,16 +141,16 @@ def _counts(dataset: Dataset) -> list[str]:
 
 
 def _checksum(dataset: Dataset) -> list[str]:
-    """Return a line with one sha256 for a folder of meshes, of whatever else none.
+    """Return a line with one SHA-256 for a folder of meshes; no line for any other dataset.
 
-    It is that of the lines which `sha256sum` prints of the files, sorted by their names. The files
-    of materials are not in it.
+    It is the checksum of the lines that `sha256sum` prints for the files of meshes, sorted by name.
+    Files of materials are left out.
     """
     objects = [obj for obj in dataset.finite or () if isinstance(obj, MeshFile)]
     try:
         lines = {name_of(obj): f"{file_sha256(obj.path)}  {name_of(obj)}\n" for obj in objects}
     except BadInput:
-        return []  # of a file that cannot be read, which the objects read tell
+        return []  # a file cannot be read; the report on the objects says which
     if not lines:
         return []
     text = "".join(lines[name] for name in sorted(lines))
@@ -154,7 +159,7 @@ def _checksum(dataset: Dataset) -> list[str]:
 
 
 def _sample(dataset: Dataset, sample: int) -> list[SceneObject]:
-    """Return the objects to read."""
+    """Return up to `sample` objects of each class, spread evenly over those of the class."""
     chosen: list[SceneObject] = []
     for name in dataset.classes or ("",):
         if dataset.finite is None:
@@ -171,7 +176,7 @@ def _sample(dataset: Dataset, sample: int) -> list[SceneObject]:
 def _examine(obj: SceneObject) -> _ObjectReport:
     if isinstance(obj, PaperObject):
         shares = None
-        with suppress(BadInput):  # a problem already
+        with suppress(BadInput):  # `find_problems` reports what cannot be read
             shares = tuple(agreement(obj))
         return _ObjectReport(tuple(find_problems(obj)), shares)
     try:
@@ -180,8 +185,8 @@ def _examine(obj: SceneObject) -> _ObjectReport:
         raise
     except BadInput as error:
         problems = ((_UNUSABLE, str(error)),)
-        # Among the files of a folder one without faces may be a cloud; the meshes of a dataset are
-        # in folders of their own, and none of them is meant to be one.
+        # A file without faces may be a cloud, but only in a plain folder of files. The meshes of
+        # ShapeNet and ModelNet lie in folders of their own, and none is meant to be a cloud.
         if not isinstance(obj, MeshFile) or obj.folder is not None:
             return _ObjectReport(problems)
         if not isinstance(error, NoFaces):
@@ -193,7 +198,7 @@ def _examine(obj: SceneObject) -> _ObjectReport:
 
 
 def _grouped(reports: Mapping[str, _ObjectReport]) -> list[str]:
-    """Return a line for each kind of problem."""
+    """Return a line for each kind of problem, with the number of its objects and the first one."""
     groups: dict[str, dict[str, str]] = {}
     for name, report in sorted(reports.items()):
         for kind, place in report.problems:
@@ -206,7 +211,7 @@ def _grouped(reports: Mapping[str, _ObjectReport]) -> list[str]:
 
 
 def _without_images(dataset: Dataset) -> list[str]:
-    """Return lines on the objects with an incomplete folder of images."""
+    """Return lines on the objects that lack images, and on those that lack the file of views."""
     gaps, blind = [], []
     for obj in dataset.finite or ():
         if isinstance(obj, PaperObject) and obj.renders.is_dir():
@@ -222,7 +227,11 @@ def _without_images(dataset: Dataset) -> list[str]:
 
 
 def _fit(reports: Mapping[str, _ObjectReport]) -> tuple[list[str], list[str]]:
-    """Return a line on how well clouds and images agree: a regular one, or an irregular one."""
+    """Return a line on how well the clouds fall on the objects in their images.
+
+    The line is in the first list, or in the second one, of irregular lines, where another way to
+    read the angles fits better. Both are empty for objects without images.
+    """
     shares = [report.agreement for report in reports.values() if report.agreement is not None]
     if not shares:
         return [], []
@@ -240,11 +249,12 @@ def _fit(reports: Mapping[str, _ObjectReport]) -> tuple[list[str], list[str]]:
 def verify(folder: Path) -> tuple[int, list[tuple[str, str]]]:
     """Compare the files of an export with its own list of files and checksums.
 
-    Return the number of files that are those of the list, and kind and name of each that differs.
-    Raises BadInput for a missing folder, and for one that is no export.
+    Return the number of files that are as the list says, and for each other file what is wrong
+    ("MISSING", "CHANGED" or "FURTHER") and its name. Raises BadInput for a missing folder, and for
+    one that is no export.
     """
     if not folder.is_dir():
-        raise BadInput(f"{folder}: no such folder; give an export")
+        raise BadInput(f"{folder}: no such folder; give the folder of an export")
     if not (folder / METADATA).is_file():
         if any((folder / name).is_file() for name in COLUMNS):
             raise BadInput(
@@ -252,8 +262,8 @@ def verify(folder: Path) -> tuple[int, list[tuple[str, str]]]:
                 "lists; fetch that file, or export it again"
             )
         raise BadInput(
-            f"{folder}: no export; give one, or use 'bench data inspect', which prints the "
-            "checksum of a folder of meshes"
+            f"{folder}: is no export; give the folder that 'bench data export' wrote, or use "
+            "'bench data inspect', which prints the checksum of a folder of meshes"
         )
     wanted = listed_files(folder)
     files = {
@@ -285,7 +295,8 @@ def _inspect_data(
     location: Annotated[
         str,
         typer.Argument(
-            metavar="PATH", help="A folder, or a dataset as 'bench run' takes it, as shapenet:PATH."
+            metavar="PATH",
+            help="A folder, or a dataset as 'bench run' takes it, such as shapenet:PATH.",
         ),
     ],
     sample: Annotated[int, typer.Option(help="Objects read of each class.")] = 10,
@@ -305,7 +316,7 @@ def _inspect_data(
 
 @app.command("verify")
 def _verify_data(
-    folder: Annotated[Path, path_argument("FOLDER", "An export.")],
+    folder: Annotated[Path, path_argument("FOLDER", "The folder of an export.")],
 ) -> None:
     """Check that an export is whole. Exit 1 if not."""
     same, differing = verify(folder)
@@ -320,7 +331,8 @@ _EXPORT_OPTIONS: dict[str, str | OptionSpec] = {
     "suite": OptionSpec("The suite whose objects and views these are.", default="chair-robustness"),
     "dataset": RUN_OPTIONS["dataset"],
     "truth": RUN_OPTIONS["truth"],
-    "conditions": "Conditions, comma-separated, or 'all' of this project. Default: the suite's.",
+    "conditions": "Conditions, comma-separated, or 'all' for those that 'bench list' has of this "
+    "project. Default: the suite's.",
     **{name: RUN_OPTIONS[name] for name in ("limit", "views", "workers", "seed")},
 }
 

@@ -33,8 +33,8 @@ WEIGHTS = {
     **{metric: find_extractor(metric).weights for metric in SET_METRICS},
     "dists": lambda _: find_dists_weights(),
     "st-lpips": lambda _: find_lpips_weights("shift-tolerant"),
-}  # of metrics
-OPTIONAL = ("libusb-1.0-0",)  # Open3D only
+}  # for each metric with a network, the function that finds its file of weights
+OPTIONAL = ("libusb-1.0-0",)  # Debian packages that only Open3D needs
 
 
 def examine(
@@ -68,7 +68,7 @@ def examine(
     for method in methods:
         try:
             yield Finding(True, f"method {method.id}", method.identity() or "ready")
-        except MissingDependency as error:  # of an extra
+        except MissingDependency as error:  # a package of an optional extra is not installed
             yield Finding(True, f"method {method.id}", f"not available: {error}")
         except (BadInput, PackageNotFoundError) as error:
             yield Finding(False, f"method {method.id}", str(error))
@@ -90,9 +90,11 @@ def examine(
 
 
 def install(run: Callable[..., CompletedProcess[bytes]] = subprocess.run) -> None:
-    """Install what pip leaves out with the wheel (`without-dependencies.txt`), by pip.
+    """Install with pip the packages that the wheel cannot require.
 
-    `run` is `subprocess.run`. Raises BadInput where pip fails or is missing.
+    They are listed in `without-dependencies.txt`, and installed without their own requirements,
+    which conflict with ours or are not needed. `run` is `subprocess.run`, or a stand-in for it in
+    tests. Raises BadInput where pip fails or is missing.
     """
     arguments = ("--disable-pip-version-check", "--no-deps", "-r", str(WITHOUT_DEPENDENCIES))
     done = run(own_python("-m", "pip", "install", *arguments), stdout=sys.stderr, check=False)
@@ -106,7 +108,7 @@ def install(run: Callable[..., CompletedProcess[bytes]] = subprocess.run) -> Non
 
 
 def pinned() -> list[str]:
-    """Return the packages of `without-dependencies.txt` with their versions."""
+    """Return the packages of `without-dependencies.txt`, each as "name==version"."""
     lines = WITHOUT_DEPENDENCIES.read_text(encoding="utf-8").splitlines()
     return [line.partition(";")[0].strip() for line in lines if line and not line.startswith("#")]
 
@@ -131,12 +133,13 @@ def doctor(
 
 
 def conclude(findings: Iterable[Finding], verbose: bool) -> None:
-    """Print warnings and failures, or all, and a summary; exit with status 1 after a failure."""
+    """Print warnings and failures, or all findings if `verbose`, and then a summary.
+
+    Raises typer.Exit with status 1 where a finding is a failure.
+    """
     checked = printed(findings, failed_only=not verbose)
-    failed, warned = (
-        [finding.subject for finding in checked if finding.verdict == verdict]
-        for verdict in ("FAIL", "warn")
-    )
+    failed = [finding.subject for finding in checked if finding.verdict == "FAIL"]
+    warned = [finding.subject for finding in checked if finding.verdict == "warn"]
     if failed:
         print(f"{len(failed)} of {len(checked)} checks failed: {', '.join(dict.fromkeys(failed))}")
     elif warned:

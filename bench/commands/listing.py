@@ -37,14 +37,14 @@ from data_prep.clouds.conditions import CONDITIONS
 from data_prep.failures import unknown
 from data_prep.plugins import announced
 
-_METHOD_KINDS = {  # the heads of their sections
+_METHOD_KINDS = {  # the headings in the list of methods, by the kind of the methods below them
     "network": "networks",
     "reconstruction": "reconstructions",
     "splat": "projections",
     "reference": "reference methods",
     "": "of other packages",
 }
-_METRIC_KINDS = {
+_METRIC_KINDS = {  # the headings in the list of metrics, by the kind of the metrics below them
     "image": "of an image",
     "further": "of an image, on request",
     "set": "of a set of images",
@@ -53,7 +53,9 @@ _METRIC_KINDS = {
     "control": "of a judge",
     "": "of other packages",
 }
-_NARROWEST_TEXT = 36  # columns: beside its name a text of fewer is hard to read
+# Columns of the terminal. A text that would have fewer beside its name is hard to read there, and
+# stands below the name instead.
+_NARROWEST_TEXT = 36
 _OWN_DATASETS = (
     ("procedural", "parametric shapes, without a download (the default); test split"),
     ("procedural:validation", "parametric shapes, the split for making choices"),
@@ -68,8 +70,9 @@ _OWN_DATASETS = (
     ("paper:PATH", "clouds, 20 images of each and their cameras, as the paper's code has them"),
 )
 _ONE_VIEW = "one view: of a new cloud of 2048 points, by results/costs.csv"
-Entry = tuple[str, ...]  # a name, facts, a text
-_Section = tuple[Sequence[str], Sequence[Entry], Sequence[str]]  # heads, entries, notes
+Entry = tuple[str, ...]  # a row of a section: a name, then facts, and last a text
+# A section: the headings of its columns, its rows, and the notes below them.
+_Section = tuple[Sequence[str], Sequence[Entry], Sequence[str]]
 SECTIONS = ("suites", "methods", "variants", "conditions", "metrics", "datasets")
 
 
@@ -78,7 +81,8 @@ def list_all(
         str | None,
         typer.Argument(
             metavar="[SECTION]",
-            help=f"One of {', '.join(SECTIONS)}, whole. Default: what to choose from.",
+            help=f"The section to list whole: {', '.join(SECTIONS)}. Default: of all sections what "
+            "there is to choose from.",
         ),
     ] = None,
     everything: Annotated[
@@ -98,7 +102,10 @@ def list_all(
 
 
 def section_lines(title: str, width: int = ANY_WIDTH) -> list[str]:
-    """Return the lines of a whole section, of at most `width` columns."""
+    """Return the lines of a whole section, each of at most `width` characters.
+
+    title  one of `SECTIONS`
+    """
     if title == "methods":
         heads, entries, notes = _methods(measured_methods())
     elif title == "metrics":
@@ -111,9 +118,9 @@ def section_lines(title: str, width: int = ANY_WIDTH) -> list[str]:
 
 
 def _short_lines(width: int) -> Iterator[str]:
-    """Yield the lines of what to choose from: no other methods, and metrics that suites show."""
+    """Yield the short list: the methods to choose from, and the metrics that suites measure."""
     costs = measured_methods()
-    first = sorted(CHOOSE_FOR, key=RECOMMENDED.__ne__)
+    first = [RECOMMENDED, *(id_ for id_ in CHOOSE_FOR if id_ != RECOMMENDED)]
     methods = [(f"  {id_}", _cost(find_method(id_), costs), CHOOSE_FOR[id_]) for id_ in first]
     methods += [(f"  {id_}", "", _of_package("method", id_)) for id_ in announced("method")]
     shown = {metric for suite in SUITES for metric in suite.metrics}
@@ -136,14 +143,17 @@ def _short_lines(width: int) -> Iterator[str]:
 def _with_notes(
     heads: Sequence[str], entries: Sequence[Entry], notes: Sequence[str], width: int
 ) -> list[str]:
-    of_notes = (line for note in notes for line in textwrap.wrap(note, width))
-    return [*_lines(heads, entries, width), *of_notes]
+    lines = list(_lines(heads, entries, width))
+    for note in notes:
+        lines += textwrap.wrap(note, width)
+    return lines
 
 
 def _lines(heads: Sequence[str], entries: Sequence[Sequence[str]], width: int) -> Iterator[str]:
-    """Yield a table of entries, or below each name its facts and text where these have no room.
+    """Yield the lines of a table of entries, each of at most `width` characters.
 
-    By hand, for rich takes longer to import than all else takes.
+    Where facts and text have no room beside the name, they stand below it. The library rich would
+    lay this out, but its import takes longer than the whole command.
     """
     *fixed, _ = zip(heads, *entries, strict=True)
     widths = [max(map(len, column)) for column in fixed]
@@ -155,7 +165,8 @@ def _lines(heads: Sequence[str], entries: Sequence[Sequence[str]], width: int) -
             text = "; ".join((*told, about)) if about else ""
             yield from textwrap.wrap(text, width, initial_indent="    ", subsequent_indent="    ")
         return
-    for *facts, about in (heads, *entries) if any(heads) else entries:
+    rows = [heads, *entries] if any(heads) else entries
+    for *facts, about in rows:
         start = "".join(f"{fact:<{size}}  " for fact, size in zip(facts, widths, strict=True))
         first, *others = textwrap.wrap(about, width - margin) or [""]
         yield f"{start}{first}".rstrip()
@@ -166,13 +177,15 @@ def _plain_entries(title: str) -> list[tuple[str, str]]:
     if title == "suites":
         return [(suite.id, suite.about) for suite in ALL_SUITES]
     if title == "variants":
-        ranges = (
+        variants = [
             (f"{p.method}@{p.name}=", f"{p.low:g} to {p.high:g}: {p.about}") for p in PARAMETERS
-        )
-        return [*ranges, *((method.id, method.source) for method in COST_VARIANTS)]
+        ]
+        variants += [(method.id, method.source) for method in COST_VARIANTS]
+        return variants
     if title == "conditions":
-        others = [(id_, _of_package("condition", id_)) for id_ in announced("condition")]
-        return [*((condition.id, condition.source) for condition in CONDITIONS), *others]
+        conditions = [(condition.id, condition.source) for condition in CONDITIONS]
+        conditions += [(id_, _of_package("condition", id_)) for id_ in announced("condition")]
+        return conditions
     others = ((f"{id_}:PATH", _of_package("dataset", id_)) for id_ in announced("dataset"))
     return [*_OWN_DATASETS, *others]
 
@@ -203,11 +216,13 @@ def _cost(method: Method, costs: Mapping[str, MeasuredMethod]) -> str:
         return "-"
     ms = cost.one_view_ms
     number = f"{ms:.0f}" if ms >= 100 else f"{ms:.3g}"
-    return "~" * (method.id not in costs) + f"{number} ms"
+    # The mark is explained below the list: the cost is that of another method of the family.
+    mark = "" if method.id in costs else "~"
+    return f"{mark}{number} ms"
 
 
 def _metrics(names: Sequence[str]) -> _Section:
-    """Return metrics by what they are taken of, and which way is better."""
+    """Return the metrics, grouped by what they measure, and whether higher or lower is better."""
     metrics = [METRICS[name] for name in names]
     rows = [(m.kind, m.id, "higher" if m.higher else "lower", m.about) for m in metrics]
     rows += [
@@ -221,7 +236,12 @@ def _metrics(names: Sequence[str]) -> _Section:
 def _by_kind(
     rows: Sequence[Entry], heads: Mapping[str, str], starred: Sequence[str]
 ) -> list[Entry]:
-    """Return the entries of rows, which have their kind before the name, under its head."""
+    """Return the entries of rows, grouped under the headings of their kinds.
+
+    rows     each with its kind first, then the name, facts and a text; sorted by kind
+    heads    the heading by kind
+    starred  the names that get an asterisk
+    """
     entries: list[Entry] = []
     for head, members in groupby(rows, key=lambda row: heads[row[0]]):
         entries.append((f" {head}", *[""] * len(rows[0][2:])))

@@ -31,9 +31,10 @@ class PluginKind(StrEnum):
 class _Template(NamedTuple):
     """A package in `examples`.
 
-    id       of its plug-in, which becomes the new one, in kebab-case; its module has underscores
-    tested   names in the module that `bench test` takes
-    further  files beside README.md, pyproject.toml, the module and its test
+    id       the id of its plug-in in kebab-case, in whose place the new id is written; the module
+             has the same name with underscores
+    tested   what follows "MODULE:" in the name that `bench test` takes for the plug-in
+    further  the files beside README.md, pyproject.toml, the module and its test
     """
 
     id: str
@@ -55,11 +56,12 @@ TEMPLATES = {
 def new(
     kind: Annotated[PluginKind, typer.Argument(help="The kind of plug-in.")],
     name: Annotated[
-        str, typer.Argument(metavar="NAME", help="Its id in kebab-case, as in my-method.")
+        str,
+        typer.Argument(metavar="NAME", help="Id of the plug-in in kebab-case, as in my-method."),
     ],
     out: Annotated[Path | None, path_option("The new folder. Default: NAME.")] = None,
 ) -> None:
-    """Write a package to start from, which 'bench test' passes and 'pip install' takes."""
+    """Write a package to start from, which passes 'bench test' and can be installed with pip."""
     _check_id(kind, name)
     folder = out or Path(name)
     written = write_package(kind, name, folder)
@@ -68,7 +70,7 @@ def new(
 
 
 def _module_of(id_: str) -> str:
-    """Return the name of the module of a plug-in."""
+    """Return the name of a plug-in's module: its id with underscores for hyphens."""
     return id_.replace("-", "_")
 
 
@@ -84,19 +86,20 @@ def _check_id(kind: PluginKind, id_: str) -> None:
     elif not module.isidentifier() or keyword.iskeyword(module):
         problem = f"Python cannot import a module '{module}'"
     elif module == "images" or find_spec(module) is not None:  # "images:TREE" names a folder
-        problem = f"'{module}' means something else already"
+        problem = f"'{module}' is the name of another module or form already"
     else:
         return
     raise BadInput(f"{id_}: {problem}; give another NAME")
 
 
 def write_package(kind: PluginKind, id_: str, folder: Path) -> list[str]:
-    """Write the package of a kind under another id into a new folder; return its files.
+    """Write the example package of a kind under another id into a new folder; return its files.
 
-    Raises BadInput where the folder is there already, and CannotWrite; then nothing is left.
+    Raises BadInput where the folder exists already, and CannotWrite where it cannot be written. In
+    both cases no part of it is left behind.
     """
     if folder.exists() or folder.is_symlink():
-        raise BadInput(f"{folder}: is there already; give another --out")
+        raise BadInput(f"{folder}: exists already; give another folder with --out")
     template = TEMPLATES[kind]
     module = _module_of(template.id)
     names = ("pyproject.toml", f"{module}.py", f"test_{module}.py", "README.md", *template.further)
@@ -104,7 +107,9 @@ def write_package(kind: PluginKind, id_: str, folder: Path) -> list[str]:
     try:
         temporary = Path(tempfile.mkdtemp(dir=folder.parent, prefix=".bench-new-"))
     except OSError as error:
-        raise CannotWrite(f"{folder}: cannot be made ({error.strerror}); give --out") from error
+        raise CannotWrite(
+            f"{folder}: cannot be made ({error.strerror}); give another folder with --out"
+        ) from error
     try:
         for name in names:
             text = source.joinpath(*name.split("/")).read_text(encoding="utf-8")
@@ -112,7 +117,7 @@ def write_package(kind: PluginKind, id_: str, folder: Path) -> list[str]:
             (temporary / renamed).parent.mkdir(exist_ok=True)
             (temporary / renamed).write_text(_renamed(text, template.id, id_), encoding="utf-8")
             written.append(renamed)
-        temporary.chmod(0o755)  # that of a temporary folder is 0o700
+        temporary.chmod(0o755)  # a temporary folder is made with 0o700, closed to others
         temporary.rename(folder)
     except OSError as error:
         raise not_writable(folder, error) from error

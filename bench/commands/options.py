@@ -17,10 +17,13 @@ from typer.core import TyperGroup
 
 from data_prep.failures import BadInput, unknown
 
-# Click's, which some Typers contain.
+# The error of click for a wrong command line. It is taken from typer, as some versions of typer
+# contain a copy of click, whose error is another class than that of the package click.
 USAGE_ERROR: Any = typer.BadParameter.__mro__[1]
 SETTINGS: dict[str, Any] = {"add_completion": False, "rich_markup_mode": None}
-_MOST_WORKERS = 1_024
+_MOST_WORKERS = (
+    1_024  # processes; more than any machine has cores, so that a larger number is a typo
+)
 
 
 def plain_message(text: str) -> str:
@@ -31,22 +34,23 @@ def plain_message(text: str) -> str:
 def read_path(text: str | Path) -> Path:
     """Return a path of the command line with the home folder in place of ~.
 
-    A shell leaves the ~ in `--out=~/x`, and a file of options has it as well. The parser of every
-    option and argument that is a path. Raises typer.BadParameter for an unknown user's home.
+    All options and arguments that are paths use this parser: a shell does not replace the ~ in
+    `--out=~/x`, and a path in a manifest may begin with it, too. Raises typer.BadParameter for the
+    home of an unknown user.
     """
     try:
         return Path(text).expanduser()
     except RuntimeError as error:
-        raise typer.BadParameter(f"{text}: no such user; give the path") from error
+        raise typer.BadParameter(f"{text}: no such user; give the whole path") from error
 
 
 def path_argument(metavar: str, help: str) -> Any:
-    """Return the settings of an argument that is a path, or several."""
+    """Return the typer settings of an argument that takes one or several paths."""
     return typer.Argument(metavar=metavar, help=help, parser=read_path)
 
 
 def path_option(help: str, *flags: str) -> Any:
-    """Return the settings of an option that is a path."""
+    """Return the typer settings of an option that takes a path."""
     return typer.Option(*flags, help=help, parser=read_path)
 
 
@@ -57,14 +61,14 @@ class Group(TyperGroup):
     """A group of commands. Without arguments it shows its help and ends with status 2."""
 
     def parse_args(self, ctx: Any, args: list[str]) -> list[str]:  # click's Context
-        """Return the arguments from the command on; without any, print the help."""
+        """Return the arguments after the options of the group; without any, print the help."""
         if not args:
             print(ctx.get_help(), file=sys.stderr)
             raise typer.Exit(2)
         return super().parse_args(ctx, args)
 
     def resolve_command(self, ctx: Any, args: list[str]) -> Any:
-        """Return the command and its arguments. Raises BadInput for an unknown one."""
+        """Return the command and its arguments. Raises BadInput for an unknown command."""
         if self.get_command(ctx, args[0]) is None:
             see = f"{ctx.command_path} --help"
             raise unknown(args[0], self.list_commands(ctx), "command", see=see)
@@ -93,7 +97,8 @@ def names(text: str | None) -> tuple[str, ...] | None:
     """
     if text is None:
         return None
-    # A metric asked for twice would count twice in what a verdict is corrected for.
+    # Each name is kept once: a metric that is asked for twice would count as two tests where
+    # p values are corrected for the number of tests.
     parts = tuple(dict.fromkeys(name.strip() for name in text.split(",") if name.strip()))
     if not parts:
         raise BadInput(f"'{text}': expected names separated by commas")
@@ -101,10 +106,11 @@ def names(text: str | None) -> tuple[str, ...] | None:
 
 
 def worker_count(workers: int | None) -> int | None:
-    """Return the value of --workers. Raises BadInput below 1, and for more than any machine has."""
-    if workers is not None and not 1 <= workers <= _MOST_WORKERS:
-        most = f"too many processes; give at most {_MOST_WORKERS}"
-        raise BadInput(f"--workers {workers}: {'must be at least 1' if workers < 1 else most}")
+    """Return the value of --workers. Raises BadInput below 1 and above `_MOST_WORKERS`."""
+    if workers is not None and workers < 1:
+        raise BadInput(f"--workers {workers}: must be at least 1")
+    if workers is not None and workers > _MOST_WORKERS:
+        raise BadInput(f"--workers {workers}: too many processes; give at most {_MOST_WORKERS}")
     return workers
 
 
@@ -125,6 +131,7 @@ FormatOption = Annotated[
         "the headline table alone.",
     ),
 ]
+# The help of --device, in all commands that have it.
 DEVICE = "Where networks run; auto: on a GPU if there is one."
 WorkersOption = Annotated[
     int | None, typer.Option(help="Worker processes. Default: one for each core.")
@@ -133,12 +140,14 @@ WorkersOption = Annotated[
 
 @dataclass(frozen=True)
 class OptionSpec:
-    """The parts of an option that the field of its dataclass does not have.
+    """The facts about an option that the field of its dataclass does not tell.
 
-    flag     name of the option where it differs from the field's
-    kind     type of the value on the command line where it differs from the field's
-    convert  returns the value of the field for one of the command line
-    default  on the command line where it differs from the field's
+    help     the help text
+    flag     the names of the option, separated by spaces, where they differ from the field's name
+    metavar  what stands for the value in the help
+    kind     the type of the value on the command line, where it differs from the field's type
+    convert  the function that returns the value of the field for a value of the command line
+    default  the default on the command line, where it differs from the field's default
     """
 
     help: str | None = None
@@ -154,10 +163,13 @@ def options_from_dataclass(
 ) -> Callable[[Callable[..., None]], Callable[..., None]]:
     """Return a decorator that gives a command an option for each field of `kind` in `specs`.
 
-    The command takes the dataclass as its first argument; its other parameters become options
-    after those of the dataclass. Types and defaults are those of the dataclass. A tuple of names is
-    given as comma-separated text. `specs` has the help text of an option, or an `OptionSpec`, by
-    field, in the order of the help; those in `leave_out` have no option.
+    The command takes an instance of the dataclass as its first argument; its other parameters
+    become options after those of the dataclass. Types and defaults come from the dataclass. A tuple
+    of names is given as comma-separated text.
+
+    specs      the help text or the `OptionSpec` of each option, by the name of its field, in the
+               order in which the help lists them
+    leave_out  fields in `specs` that get no option
     """
     hints, defaults = get_type_hints(kind), {field.name: field.default for field in fields(kind)}
     options = {
@@ -204,7 +216,8 @@ def _option(
         default, convert = kind(default), str
     flags = spec.flag.split() if spec.flag else []
     if kind is bool and not default and not flags:
-        flags = [f"--{name.replace('_', '-')}"]  # nothing to switch off
+        # A single name, as typer would also add --no-NAME, which switches off what is off anyway.
+        flags = [f"--{name.replace('_', '-')}"]
     annotation = typer.Option(
         *flags,
         help=spec.help,
@@ -229,7 +242,8 @@ def expand_file(text: str | None) -> str | None:
     return str(read_path(text)) if text and text.startswith("~") else text
 
 
-RUN_OPTIONS: dict[str, str | OptionSpec] = {  # of `bench.running.protocol.Options`
+# The options of `bench run`, by the fields of `bench.running.options.Options`.
+RUN_OPTIONS: dict[str, str | OptionSpec] = {
     "suite": "The suite, see 'bench list'.",
     "dataset": "Dataset: procedural, folder:PATH (sub-folders are classes), shapenet:PATH, "
     "modelnet:PATH, paper:PATH or exported:PATH; see 'bench data inspect PATH'.",
@@ -239,15 +253,15 @@ RUN_OPTIONS: dict[str, str | OptionSpec] = {  # of `bench.running.protocol.Optio
         kind=_TruthChoice | None,
         convert=lambda value: value and str(value),
     ),
-    "methods": "Methods, comma-separated; blank is always measured. images:TREE is one that was "
-    "run elsewhere, see docs/extending.md. Default: the suite's.",
+    "methods": "Methods, comma-separated; blank is always measured. images:TREE names a method "
+    "that was run elsewhere, by its images; see docs/extending.md. Default: the suite's.",
     "conditions": "Conditions, comma-separated. Default: the suite's.",
-    "metrics": "Further metrics, comma-separated, as for 'bench score'. Default: none.",
+    "metrics": "Further metrics, comma-separated, which 'bench score' takes, too. Default: none.",
     "limit": "Objects of each class at most. Default: all of a folder; of procedural shapes the "
     "suite's number.",
     "budget": OptionSpec(
-        "Time for the whole run: objects that would not be done in time are left for later, when "
-        "the same command goes on. Default: no limit.",
+        "Time for the whole run: objects that would not be done in time are left for later: the "
+        "same command goes on with them. Default: no limit.",
         metavar="90s|2m|1.5h",
         kind=str | None,
         convert=_seconds,

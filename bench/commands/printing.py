@@ -16,17 +16,21 @@ from bench.tables.table import TABLES, Table
 
 
 def print_outputs(outputs: Outputs, format_: Format | None) -> None:
-    """Print all tables of a run; without a format, the headline table and two paths."""
+    """Print all tables of a run; without a format, the headline table and where the others are."""
     directory = outputs.run.directory
     if format_ is None:
         print("\n".join(shown(outputs.headline)))
         print(f"report: {directory / REPORT}\ntables: {directory / TABLES}")
     elif format_ is Format.md:
-        tables = (table.to_markdown() for table in outputs.tables)
-        print("\n".join([*tables, outputs.cost, *(t.to_markdown() for t in outputs.further)]))
+        parts = [table.to_markdown() for table in outputs.tables]
+        parts.append(outputs.cost)
+        parts += [table.to_markdown() for table in outputs.further]
+        print("\n".join(parts))
     else:
-        first = [outputs.headline] * (format_ is Format.latex)
-        print(in_format([*first, *outputs.tables, *outputs.further], format_), end="")
+        tables = [*outputs.tables, *outputs.further]
+        if format_ is Format.latex:
+            tables.insert(0, outputs.headline)
+        print(in_format(tables, format_), end="")
 
 
 def in_format(tables: Sequence[Table], format_: Format) -> str:
@@ -34,7 +38,8 @@ def in_format(tables: Sequence[Table], format_: Format) -> str:
 
     In CSV, tables with the same columns share a header, and an empty line stands before others.
     JSON is a list of tables with their rows, null for a missing value. Where stdout is a terminal,
-    control characters in names are escaped, as nothing else there may give it orders.
+    control characters in names are escaped: a name from a stranger's file could otherwise move the
+    cursor or change the terminal's settings.
     """
     text = _in_format(tables, format_)
     return "\n".join(map(visible, text.split("\n"))) if sys.stdout.isatty() else text

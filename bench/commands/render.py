@@ -51,41 +51,49 @@ from data_prep.progress import progress
 from data_prep.scene import IMAGE_SIZE, View
 
 _SHEET_SCALE = 2
-CLOUD = "cloud"  # the label of the dots
-_FRAMES = 36  # of a turntable: steps of 10 degrees
-_MOST_FRAMES = 120  # of a turntable: steps of 3 degrees; a sheet of ten methods takes 300 MB
-_MOST_PIXELS = 2**25  # of all images of a cloud: 100 MB, and ten times as much for a GIF
+CLOUD = "cloud"  # the label of the first tile of a sheet, which shows the points as dots
+_FRAMES = 36  # images of a turntable by default: one every 10 degrees
+# The most images of a turntable: one every 3 degrees. In a sheet of ten methods they take 300 MB.
+_MOST_FRAMES = 120
+# The most pixels in all images of a cloud together. They take 100 MB of memory, and ten times as
+# much while a GIF is written.
+_MOST_PIXELS = 2**25
 
 
 def _option(value: Any, help: str, **parts: Any) -> Any:
-    """Return a field with the parts of its option, `bench.commands.options.OptionSpec`."""
+    """Return a dataclass field that holds its option's help and other parts of an `OptionSpec`."""
     return field(default=value, metadata={"help": help, **parts})
 
 
 def _angles(default: float, help: str) -> Any:
-    """Return a field of angles, given separated by commas."""
+    """Return a dataclass field of angles, which are given in degrees, separated by commas."""
 
     def read(text: str) -> tuple[float, ...]:
         try:
             return tuple(map(float, text.split(",")))
         except ValueError as error:
             raise BadInput(
-                f"'{text}': no angles; give degrees separated by commas, as in 0,90,180"
+                f"'{text}': not numbers; give degrees separated by commas, as in 0,90,180"
             ) from error
 
     more = {"metavar": "DEGREES", "kind": str, "convert": read, "default": f"{default:g}"}
-    return _option((default,), f"{help}. Several, comma-separated, make an image each.", **more)
+    return _option((default,), f"{help}. Several, comma-separated, give an image for each.", **more)
 
 
 def _size(text: str) -> int:
-    if text.lower().partition("x")[2]:  # 512x512, not 512px
+    if text.lower().partition("x")[
+        2
+    ]:  # a width and a height, as in 512x512; 512px is another error
         raise BadInput(
-            f"--size {text}: images are square, as the unit sphere just fits; give one number"
+            f"--size {text}: images are square, as the unit sphere just fits; give one number, as "
+            "in 512"
         )
     try:
         size = int(text)
     except ValueError as error:
-        raise BadInput(f"--size {text}: no whole number of pixels; give one, as in 512") from error
+        raise BadInput(
+            f"--size {text}: not a whole number of pixels; give a number such as 512"
+        ) from error
     if size not in ANY_SIZE:
         raise BadInput(f"--size {size}: must be {ANY_SIZE[0]} to {ANY_SIZE[-1]}")
     return size
@@ -128,7 +136,7 @@ class RenderOptions:
     size: int = _option(
         IMAGE_SIZE,
         f"Width and height in pixels, {ANY_SIZE[0]} to {ANY_SIZE[-1]}. Surfaces and discs are "
-        "drawn so, images of networks resampled, which a note says.",
+        "drawn at that size; images of networks are resampled to it, and a note says so.",
         metavar="PIXELS",
         kind=str,
         convert=_size,
@@ -139,8 +147,8 @@ class RenderOptions:
     )
     colour: Literal["method", "invented", "file"] = _option(
         "method",
-        "The method's colours; those that a network invents; or, with --method splat, those of the "
-        "file.",
+        "The colours: the method's own; those that a network invents; or, with --method splat, "
+        "those of the file.",
     )
     up: str | None = _option(
         None, "Axis of the file that points up, -x to z; z for most scans. Default: y."
@@ -149,7 +157,8 @@ class RenderOptions:
         None, "Axis of the file to the front. Default: -z, or -y where z is up."
     )
     points: int | None = _option(
-        None, "Points at most, chosen at random. Default: all; 2048 of the surface of a mesh."
+        None,
+        "The most points to draw, chosen at random. Default: all; of a mesh 2048 on its surface.",
     )
     drop_invalid: bool = _option(
         False,
@@ -157,8 +166,8 @@ class RenderOptions:
     )
     drop_far: bool = _option(
         False,
-        "Leave out points far from all others, and print how many. Default: draw them, and print "
-        "it.",
+        "Leave out points far from all others, and print how many. Default: draw them, and say so "
+        "in a note.",
     )
     device: Literal["auto", "cpu", "cuda"] = _option(
         "auto", "Where networks run; auto: on a GPU if there is one."
@@ -169,7 +178,7 @@ class RenderOptions:
 
     @property
     def views(self) -> tuple[View, ...]:
-        """Return the views that the angles name. Raises BadInput for one out of its range."""
+        """Return a view for each pair of angles. Raises BadInput for an angle out of its range."""
         angles = itertools.product(self.elevation, self.azimuth)
         try:
             return tuple(dict.fromkeys(View(azimuth, elevation) for elevation, azimuth in angles))
@@ -178,27 +187,34 @@ class RenderOptions:
 
     @property
     def methods(self) -> tuple[str, ...]:
-        """Return the methods, each once, or the one that is meant. Raises BadInput for none."""
+        """Return the methods of --method, each once, or else the one that the options choose.
+
+        Raises BadInput where no method is fast enough for --budget, and for options that exclude
+        each other.
+        """
         return methods_to_draw(self.method or (), self.colour == "invented", self.budget)
 
 
 def check(options: RenderOptions, out: Path) -> None:
     """Raise BadInput for options that are wrong whatever the file holds and the methods do."""
-    is_turntable = moves(out)  # raises BadInput for the name of another kind of file
+    is_turntable = moves(out)  # raises BadInput where the name has no suffix of an image
     size, views = options.size, len(options.views)
     _check_frames(options, out, is_turntable)
     if options.points is not None and options.points < 1:
         raise BadInput(f"--points {options.points}: must be at least 1")
     is_sheet = len(options.methods) > 1
     if is_sheet and size != IMAGE_SIZE:
-        raise BadInput(f"--size {size}: a sheet of several methods has its own; give one method")
+        raise BadInput(
+            f"--size {size}: a sheet of several methods has a fixed size; give one method, or "
+            "leave out --size"
+        )
     images = views
     if views == 1 and is_turntable:
         images = options.frames or _FRAMES
     if images * size**2 > _MOST_PIXELS:
         raise BadInput(
             f"--size {size}: at most {int((_MOST_PIXELS / images) ** 0.5)} with {images} images; "
-            "give less of either"
+            "give a smaller size, or fewer images"
         )
     transparent = options.background == "transparent"
     if transparent and is_sheet:
@@ -212,7 +228,7 @@ def check(options: RenderOptions, out: Path) -> None:
 
 
 def _check_frames(options: RenderOptions, out: Path, is_turntable: bool) -> None:
-    """Raise BadInput for a number of frames that the file cannot have, or no turntable has."""
+    """Raise BadInput for a number of frames that is out of range or does not suit the file."""
     frames = options.frames
     if frames is not None and not is_turntable:
         raise BadInput(
@@ -223,13 +239,16 @@ def _check_frames(options: RenderOptions, out: Path, is_turntable: bool) -> None
     always_turns = out.suffix.lower() in (".gif", ".apng")  # a .webp may be a still image
     if len(options.views) > 1 and (frames not in (None, 1) or always_turns):
         raise BadInput(
-            f"{out}: a turntable, which starts at one azimuth; of several angles give the name of "
-            "an image, or one azimuth and one elevation"
+            f"{out}: a turntable starts at one azimuth; give one azimuth and one elevation, or the "
+            "name of a still image for several angles"
         )
 
 
 def views_of(options: RenderOptions, out: Path) -> tuple[View, ...]:
-    """Return the views, or those of a turntable. Raises BadInput as `RenderOptions.views`."""
+    """Return the views that the options name, or, where the file is a turntable, all its views.
+
+    Raises BadInput as `RenderOptions.views` does.
+    """
     first, *others = options.views
     if others or not moves(out):
         return options.views
@@ -239,7 +258,7 @@ def views_of(options: RenderOptions, out: Path) -> tuple[View, ...]:
 
 
 def cloud_file(cloud: Path, options: RenderOptions) -> CloudFile:
-    """Return the file of a cloud, to be read as the options say."""
+    """Return the file of a cloud together with how the options say that it is read."""
     return CloudFile(
         cloud,
         as_is=options.as_is,
@@ -254,7 +273,7 @@ def cloud_file(cloud: Path, options: RenderOptions) -> CloudFile:
 
 
 def notes_on(options: RenderOptions) -> Notes:
-    """Return notes on the methods and on a size that they do not draw."""
+    """Return notes on the methods, and on those that draw another size, which is resampled."""
     return (
         *notes_on_methods(options.methods, options.budget),
         *notes_on_size(options.methods, options.size),
@@ -264,10 +283,10 @@ def notes_on(options: RenderOptions) -> Notes:
 class _RenderResult(NamedTuple):
     """The result of `bench render`.
 
-    images         that were written
-    drawn          number of clouds that have images
+    images         the files that were written
+    drawn          the number of clouds that have images
     failed         a line for each cloud that cannot be used, and for each method that failed
-    without_image  number of clouds that are not usable, or whose methods all failed
+    without_image  the number of clouds that cannot be used, or whose methods all failed
     notes          lines on parts of files that are not used, and on what the methods did
     """
 
@@ -281,12 +300,13 @@ class _RenderResult(NamedTuple):
 def render(clouds: Sequence[Path], options: RenderOptions) -> _RenderResult:
     """Draw clouds and write an image of each, unless all methods fail.
 
-    One method gives its images as they are. Several give a sheet: the points as dots, then a
-    tile for each method, with the reason in it where there is no image. Of several angles each has
-    an image of its own.
+    The images of a single method are written as they are. Several methods give a sheet: the points
+    as dots, then a tile for each method, which holds the reason where a method has failed. Several
+    angles give a file each.
 
-    Raises BadInput for options and names that cannot be used, before a worker is started. It does
-    so for a file that is no cloud, too, where there is one file; of several it is among the failed.
+    Raises BadInput for options and names that cannot be used, before a worker is started. Where the
+    only file holds no cloud, that raises BadInput, too; among several files such a file is reported
+    in `failed`.
     """
     alone = len(clouds) == 1 and not clouds[0].is_dir()
     images, left_out = _image_of_each(clouds, options)
@@ -335,7 +355,7 @@ def render(clouds: Sequence[Path], options: RenderOptions) -> _RenderResult:
 def _image_of_each(
     clouds: Sequence[Path], options: RenderOptions
 ) -> tuple[Mapping[Path, Path], Notes]:
-    """Return the file of each cloud's image, and notes on files that are left out."""
+    """Return the image file for each cloud, and notes on files of folders that hold no cloud."""
     first = clouds[0]
     if len(clouds) == 1 and not first.is_dir():
         return {first: image_of_cloud(first, options.out, options.format)}, ()
@@ -346,7 +366,7 @@ def _image_of_each(
 
 
 def with_remedy(failed: Failed, file: CloudFile) -> str:
-    """Return the reason, and the remedy where points may be too many."""
+    """Return why a method failed, with a remedy where fewer points may help."""
     over_limit = failed.reason.startswith(("timeout: ", "memory: "))
     if over_limit and not file.most:
         return f"{failed.reason}; --points 20000 would take less"
@@ -354,7 +374,7 @@ def with_remedy(failed: Failed, file: CloudFile) -> str:
 
 
 def _failures(file: CloudFile, drawn: Mapping[Wanted, Drawn], named: bool) -> list[str]:
-    """Return a line for each method that failed, with the name of the file if `named`."""
+    """Return a line for each method that failed; with `named`, it begins with the file's name."""
     lines = []
     for request, images in drawn.items():
         if isinstance(request, Drawing) and isinstance(images, Failed):
@@ -364,7 +384,7 @@ def _failures(file: CloudFile, drawn: Mapping[Wanted, Drawn], named: bool) -> li
 
 
 def _joined(notes: Mapping[Path, Notes]) -> Notes:
-    """Return all notes; one line for a note that several files share."""
+    """Return the notes on all files, where a note that several files share is one line."""
     clouds: dict[str, list[Path]] = {}
     for cloud, lines in notes.items():
         for line in lines:
@@ -378,12 +398,13 @@ def _joined(notes: Mapping[Path, Notes]) -> Notes:
 def _draw_all(
     files: Sequence[CloudFile], wanted: Sequence[Wanted]
 ) -> Iterator[tuple[CloudFile, dict[Wanted, Drawn], Notes]]:
-    """Yield each file with all images in the order of `wanted`, and the notes on it.
+    """Yield each file with its images, in the order of `wanted`, and with the notes on it.
 
-    The images of few files are held at a time.
+    A file is yielded as soon as its last image is drawn, so that the images of few files are in
+    memory at a time.
     """
     tasks = len(files) * len(wanted)
-    quick = tasks == 1 and len(wanted[0].views) == 1  # over before a progress is read
+    quick = tasks == 1 and len(wanted[0].views) == 1  # ends before anybody reads a progress bar
     under_way: dict[CloudFile, dict[Wanted, Drawn]] = {}
     notes: dict[CloudFile, dict[Wanted, Notes]] = {}
     failures = 0
@@ -398,14 +419,14 @@ def _draw_all(
             if len(drawn) == len(wanted):
                 del under_way[file]
                 of_requests = notes.pop(file)
-                # Each worker reads the file, and has the same notes on it.
+                # Each worker reads the file and gives the same notes on it: they are kept once.
                 lines = (line for request in wanted for line in of_requests[request])
                 in_order = {request: drawn[request] for request in wanted}
                 yield file, in_order, tuple(dict.fromkeys(lines))
 
 
 def _finished(drawn: Mapping[Wanted, Drawn]) -> NDArray[np.uint8]:
-    """Return the images to write: those of the only method, or a sheet."""
+    """Return the images to write, uint8: those of the only method, or a sheet of all methods."""
     if len(drawn) == 1:
         (images,) = drawn.values()
         assert isinstance(images, np.ndarray)
@@ -431,13 +452,13 @@ def render_clouds(
         ),
     ],
 ) -> None:
-    """Draw the point clouds of files. Exit 1 if a cloud has no image: all its methods failed.
+    """Draw the point clouds of files. Exit 1 if a cloud has no image as all its methods failed.
 
-    Each method gets 120 seconds, 4 GiB of memory and all points, of a scan at most 2,097,152. Some
-    use fewer, chosen at random: occupancy-net 2,048, pc2pix 8 x 1,024, alpha-wrap, denoised-wrap,
-    upsampled-wrap and splat-fill 8,192. Notes on stderr say how many, and what else a method did
-    to the points. Surface reconstruction of 100,000 points takes about half a minute, surface-fit
-    less; --points takes fewer.
+    Each method gets 120 seconds, 4 GiB of memory and all points; of a large scan at most 2,097,152.
+    Some methods use fewer, chosen at random: occupancy-net 2,048, pc2pix 8 x 1,024, alpha-wrap,
+    denoised-wrap, upsampled-wrap and splat-fill 8,192. Notes on stderr say how many, and what else
+    a method did to the points. Surface reconstruction of 100,000 points takes about half a minute,
+    surface-fit less; --points takes fewer.
     """
     allow_modules(options.method or ())
     result = render(clouds, options)
@@ -450,7 +471,7 @@ def render_clouds(
         print(f"bench: {result.without_image} of {count} clouds have no image", file=sys.stderr)
     if result.images and (options.out is None or options.method is None):
         methods = visible(", ".join(options.methods))
-        # The methods that a budget chooses from draw in grey.
+        # --budget is no advice where colours are wanted: it chooses among methods that draw grey.
         by_default = options.method is options.budget is None and options.colour != "invented"
         faster = "--budget 50ms is faster, " if by_default else ""
         print(f"drawn by {methods}; {faster}'bench list' has others", file=sys.stderr)

@@ -31,7 +31,7 @@ from bench.tables.terminal import terminal_width
 from data_prep.datasets.dataset import first_names
 from data_prep.failures import BadInput, CannotWrite
 
-_COMPARISONS = "comparisons"
+_COMPARISONS = "comparisons"  # the folder within that of a run in which comparisons are written
 
 
 def table(directory: RunDirectory, format_: FormatOption = None) -> None:
@@ -39,7 +39,7 @@ def table(directory: RunDirectory, format_: FormatOption = None) -> None:
     from bench.commands.printing import print_outputs
     from bench.tables.build import write_outputs
 
-    read_run(directory)  # one that is refused keeps its folder as it is, without a lock
+    read_run(directory)  # refuses a folder that is no run before a lock file is made in it
     with locked_run(directory):
         outputs = write_outputs(read_run(directory))
     print_outputs(outputs, format_)
@@ -95,8 +95,8 @@ def compare(
     methods: Annotated[
         str | None,
         typer.Option(
-            help="Methods, comma-separated: the two of one run, or those of two runs to compare. "
-            "Default: all."
+            help="Methods, comma-separated: of one run the two to compare with each other; of two "
+            "runs those to compare between the runs. Default: all."
         ),
     ] = None,
     metric: Annotated[
@@ -108,7 +108,10 @@ def compare(
     ] = None,
     out: Annotated[
         Path | None,
-        path_option("Folder for tables and figure. Default: comparisons/A-B in the last run."),
+        path_option(
+            "Folder for the tables and the figure. Default: comparisons/A-B in the folder of the "
+            "last run."
+        ),
     ] = None,
     format_: Annotated[
         _ComparisonFormat | None,
@@ -121,12 +124,15 @@ def compare(
     fail_on: Annotated[
         _Failing | None,
         typer.Option(
-            help="Exit 1 where the second one is shown to be worse in a cell, 2 where the objects "
-            "are too few to show it. Default: exit 0."
+            help="Exit 1 where the second method or run is shown to be worse in any comparison, 2 "
+            "where the objects are too few to show it. Default: exit 0."
         ),
     ] = None,
 ) -> None:
-    """Compare two runs, or two methods of one, object by object: who is ahead, and is it shown."""
+    """Compare two runs, or two methods of one run, object by object.
+
+    Printed is which of the two is ahead, and whether its lead is beyond chance.
+    """
     from bench.analysis.pairs import compare_methods, compare_runs
     from bench.commands.printing import in_format
     from bench.report.run_figures import write_differences
@@ -135,7 +141,9 @@ def compare(
     from data_prep.files.atomic_write import write_whole
 
     if len(directories) > 2:
-        raise BadInput(f"{len(directories)} folders: two runs are compared; give one or two")
+        raise BadInput(
+            f"{len(directories)} folders: give one run, to compare its methods, or two runs"
+        )
     if len(directories) == 1:
         differences = compare_methods(directories[0], names(methods) or (), names(metric))
     else:
@@ -155,11 +163,13 @@ def compare(
         try:
             folder.mkdir(parents=True, exist_ok=True)
         except OSError as error:
-            raise CannotWrite(f"{folder}: cannot be made ({error.strerror}); give --out") from error
+            raise CannotWrite(
+                f"{folder}: cannot be made ({error.strerror}); give another folder with --out"
+            ) from error
         for name, text in table_files([table]).items():
             write_whole(folder / name, text.encode())
         write_differences(folder / "differences", differences)
-    print(f"written to {folder}", file=sys.stderr)  # first: the verdict is the last line
+    print(f"written to {folder}", file=sys.stderr)  # before the verdict, which is the last line
     if format_ is None:
         format_ = _ComparisonFormat.text if sys.stdout.isatty() else _ComparisonFormat.md
     if format_ is _ComparisonFormat.text:
@@ -175,10 +185,12 @@ def compare(
 
 
 def _not_decided(cells: pd.DataFrame, directories: Sequence[Path]) -> str:
-    """Return a line on the cells that --fail-on cannot decide; empty where it decides all.
+    """Return a line on the comparisons that --fail-on cannot decide; empty where there are none.
 
-    Raises BadInput where it decides no cell of a metric, but for those in which no object moved: it
-    would pass whatever was measured.
+    cells  the rows of the comparison: one for each metric, method, condition and class
+
+    Raises BadInput where --fail-on can decide no row of a metric: the command would pass whatever
+    was measured. Rows in which no object moved do not count as decided here.
     """
     left = undecided(cells)
     for metric, of_metric in cells.groupby("metric", sort=False):
@@ -186,13 +198,13 @@ def _not_decided(cells: pd.DataFrame, directories: Sequence[Path]) -> str:
             continue
         objects = max(of_metric.loc[of_metric["difference"].notna(), "objects"], default=0)
         if len(directories) == 1:
-            have, more = "this run has", "give a run of more"
+            have, more = "this run has", "give a run with more objects"
         else:
             old, new = directories
             have = "these runs share"
             more = (
-                f"give runs of more, or compare any number with 'bench check {old} --bless "
-                f"golden.json' and 'bench check {new} --golden golden.json'"
+                f"give runs with more objects, or compare any number with 'bench check {old} "
+                f"--bless golden.json' and 'bench check {new} --golden golden.json'"
             )
         of_class = " of a class" if of_metric["class"].nunique() > 1 else ""
         raise BadInput(
@@ -207,6 +219,6 @@ def _not_decided(cells: pd.DataFrame, directories: Sequence[Path]) -> str:
         for row in row_mappings(left)
     ]
     return (
-        f"--fail-on: {len(left)} of {len(cells)} cells are not decided, as they have fewer than "
-        f"{intervals.FEWEST} objects with a value: {first_names(named)}"
+        f"--fail-on: {len(left)} of {len(cells)} comparisons are not decided, as they have fewer "
+        f"than {intervals.FEWEST} objects with a value: {first_names(named)}"
     )

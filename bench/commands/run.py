@@ -1,4 +1,4 @@
-"""`bench run`, and the description of a run for `--dry-run`."""
+"""`bench run`, and what it prints with `--dry-run`: the protocol and cost of the run."""
 
 from __future__ import annotations
 
@@ -29,15 +29,18 @@ from data_prep.failures import BadInput
 
 
 def describe_run(options: Options) -> str:
-    """Return the protocol, folder, weights files and cost of a run, as text.
+    """Return the protocol, folder, files of weights and expected cost of a run, as text.
 
-    Raises BadInput as the run would, and for the suites that take minutes.
+    Raises BadInput where the run would, and for suites without jobs, such as speed and latent.
     """
     suite = find(options.suite, ALL_SUITES, "suite")
     if not isinstance(suite, Suite):
-        raise BadInput(f"--dry-run: the suite {suite.id} takes minutes and has no plan; run it")
+        raise BadInput(
+            f"--dry-run: the suite {suite.id} has no jobs to describe and takes minutes; leave out "
+            "--dry-run"
+        )
     for metric in options.metrics or ():
-        find_metric(metric)  # refuses unknown ones
+        find_metric(metric)  # raises BadInput for an unknown metric
     status = run_status(options)
     protocol = status.plan.protocol
     methods = {}
@@ -45,19 +48,16 @@ def describe_run(options: Options) -> str:
         methods[name] = f"version {version}" + (f", {libraries}" if libraries else "")
     files = {name: method.weights_file for name, method in protocol.methods.items()}
     weights = {method: str(file()) for method, file in files.items() if file}
-    return "\n".join(
-        [
-            *(f"{name:<13}{visible(text)}" for name, text in _settings(status, options)),
-            *_section("methods", methods),
-            *_section("weights", weights | dict(protocol.features)),
-            *_section("skipped", protocol.skipped),
-            "",
-            *_expected(status, measured_methods()),
-        ]
-    )
+    lines = [f"{name:<13}{visible(text)}" for name, text in _settings(status, options)]
+    lines += _section("methods", methods)
+    lines += _section("weights", weights | dict(protocol.features))
+    lines += _section("skipped", protocol.skipped)
+    lines += ["", *_expected(status, measured_methods())]
+    return "\n".join(lines)
 
 
 def _settings(status: RunStatus, options: Options) -> list[tuple[str, str]]:
+    """Return name and text of each setting of a run, in the order in which they are printed."""
     protocol = status.plan.protocol
     suite, classes = protocol.suite, Counter(obj.class_name for obj in protocol.objects)
     features = dict(protocol.features)
@@ -66,7 +66,11 @@ def _settings(status: RunStatus, options: Options) -> list[tuple[str, str]]:
         state = "new"
     else:
         state = "the run there would be renamed" if options.fresh else "there already"
-    return [
+    if options.ray:
+        workers = f"those of the Ray cluster {options.ray}"
+    else:
+        workers = f"{status.workers} processes of this machine"
+    settings = [
         ("suite", f"{suite.id}: {suite.about}"),
         ("dataset", protocol.dataset),
         ("truth", TRUTHS[suite.truth]),
@@ -75,19 +79,19 @@ def _settings(status: RunStatus, options: Options) -> list[tuple[str, str]]:
         ("views", str(protocol.views)),
         ("seed", str(protocol.seed)),
         ("device", protocol.device),
-        (
-            "workers",
-            f"those of the Ray cluster {options.ray}"
-            if options.ray
-            else f"{status.workers} processes of this machine",
-        ),
+        ("workers", workers),
         ("limits", f"{suite.limits.time_s:g} s and {suite.limits.memory_gib:g} GiB a job"),
         ("metrics", ", ".join([*suite.image_metrics, *suite.detail_metrics, *set_metrics])),
-        *([("on request", ", ".join(options.metrics))] if options.metrics else []),
+    ]
+    if options.metrics:
+        settings.append(("on request", ", ".join(options.metrics)))
+    environment = ", ".join(f"{name} {text}" for name, text in protocol.environment.items())
+    settings += [
         ("of a judge", ", ".join(suite.control_metrics) or "nothing"),
-        ("environment", ", ".join(f"{k} {v}" for k, v in protocol.environment.items())),
+        ("environment", environment),
         ("folder", f"{status.directory} ({state})"),
     ]
+    return settings
 
 
 def _expected(status: RunStatus, costs: Mapping[str, MeasuredMethod]) -> list[str]:
@@ -108,8 +112,11 @@ def _expected(status: RunStatus, costs: Mapping[str, MeasuredMethod]) -> list[st
 
 
 def _section(title: str, lines: Mapping[str, str]) -> list[str]:
+    """Return an empty line, the title and a line for each name; nothing without any name."""
+    if not lines:
+        return []
     shown = [f"  {visible(name):<24} {visible(text)}" for name, text in lines.items()]
-    return ["", f"{title}:", *shown] if lines else []
+    return ["", f"{title}:", *shown]
 
 
 @options_from_dataclass(Options, RUN_OPTIONS)
@@ -121,7 +128,8 @@ def run(
         bool,
         typer.Option(
             "--dry-run",
-            help="Print what would run with its jobs, time and disk; run nothing.",
+            help="Print what would run, with the number of jobs, the time and the disk space that "
+            "it takes; run nothing.",
         ),
     ] = False,
     format_: FormatOption = None,
@@ -130,7 +138,8 @@ def run(
     refuse_other_objects(options, config)
     source: Any = context.get_parameter_source("methods")
     if config is None or source.name == "COMMANDLINE":
-        allow_modules(options.methods or ())  # a file may come from anywhere
+        # Only what the user typed may name a module to execute: a manifest may be a stranger's.
+        allow_modules(options.methods or ())
     suite = find(options.suite, ALL_SUITES, "suite")
     if dry_run:
         print(describe_run(options))
@@ -149,12 +158,13 @@ def run(
 
 
 def print_ending(finished: RunResult[Outputs]) -> None:
-    """Print on stderr what was done, and what is incomplete or has failed altogether."""
+    """Print on stderr what was done, what is not complete, and which methods have no image."""
     directory = finished.directory
     print(f"{_summary(finished)}\nresults in {directory}", file=sys.stderr)
     run = finished.outputs.run if finished.outputs else None
-    for line in (*run.not_measured, *run.far_off) if run else ():
-        print(f"bench: {visible(line)}", file=sys.stderr)
+    if run is not None:
+        for line in (*run.not_measured, *run.far_off):
+            print(f"bench: {visible(line)}", file=sys.stderr)
     if finished.objects < finished.planned:
         kept = "" if finished.outputs is not None else "; the tables there stay those of before"
         if finished.interrupted:
@@ -175,7 +185,7 @@ def print_ending(finished: RunResult[Outputs]) -> None:
 
 
 def leave(finished: RunResult[Outputs]) -> None:
-    """Raise typer.Exit where the run was interrupted, or a method has no image."""
+    """Raise typer.Exit where the run was interrupted, or where a method has no image at all."""
     if finished.interrupted:
         raise typer.Exit(130)
     if finished.hopeless:

@@ -1,6 +1,7 @@
-"""`bench score`: further metrics, also of other packages, on images that a finished run has kept.
+"""`bench score`: further metrics, also of other packages, on the stored images of a finished run.
 
-The scores are kept beside those of the run, which stays as it is, with tables and golden values.
+Their scores are stored beside those of the run, whose own scores, tables and golden values stay as
+they are.
 """
 
 from __future__ import annotations
@@ -32,7 +33,7 @@ def score(
 ) -> None:
     """Measure a finished run with further metrics; print their tables."""
     if device is Device.cuda:
-        chosen_device(device)  # an absent one is refused before anything is read
+        chosen_device(device)  # raises BadInput without a GPU, before anything is read
     chosen = names(metrics) or announced("metric")
     if not chosen:
         raise BadInput(
@@ -42,7 +43,9 @@ def score(
     run = read_run(directory)
     for line in run.not_measured:
         if line.partition(":")[0] in map(extractor_of, chosen):
-            raise BadInput(f"{directory}: {line}; start the run again so, which takes it")
+            raise BadInput(
+                f"{directory}: {line}; start the run again as this says, which measures it"
+            )
     further = [find_metric(metric_id, str(device)) for metric_id in chosen]
     for table in score_run(run, further):
         print(table.to_markdown())

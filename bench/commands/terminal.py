@@ -20,22 +20,22 @@ from bench.tables.table import TABLES, Table, write_tables
 from bench.tables.terminal import grid_lines, laid_out, terminal_width
 from data_prep.progress import is_live, log, progress
 
-WIDEST, MOST_LINES = 100, 40
-SHARE = 0.02  # of the time of a run that goes into tables in between, at most
+WIDEST, MOST_LINES = 100, 40  # the most columns and lines of the headline table on a terminal
+SHARE = 0.02  # the largest share of a run's time that goes into making headline tables meanwhile
 
 
 def shown(table: Table, lines: int = MOST_LINES) -> list[str]:
-    """Return the headline table as text, as wide as the terminal and at most 100 columns."""
+    """Return the headline table as lines of text, as wide as the terminal, at most 100 columns."""
     width = min(WIDEST, terminal_width(WIDEST))
     title = laid_out([table.title], width)
     return [*title, *grid_lines(table.grids(), width, lines - len(title))]
 
 
 class LiveTable:
-    """The headline table of a run, from the jobs of the objects that are complete."""
+    """The headline table of a run that is under way, by the objects that are complete."""
 
     def __init__(self) -> None:
-        self._jobs: dict[str, pd.DataFrame] = {}  # by object
+        self._jobs: dict[str, pd.DataFrame] = {}  # the jobs read so far, by the name of the object
 
     def table(self, snapshot: PartialRun) -> Table:
         """Write the table of the complete objects into the folder of tables, and return it."""
@@ -51,21 +51,22 @@ class LiveTable:
 
 
 def watching() -> Watch:
-    """Return what watches a run: a reporter of its progress, with the headline table so far."""
+    """Return a function that makes the reporter of a run's progress and of its headline table."""
     return partial(Terminal, LiveTable().table)
 
 
 class Terminal(AbstractContextManager["Terminal"]):
     """A progress reporter of a run (`bench.running.run.ProgressReporter`).
 
-    The headline table, which `make` returns of the complete objects, is made again as objects are
-    completed, unless that would take more than a fiftieth of the time.
+    As objects are completed, it calls `make`, which returns the headline table of the complete
+    objects; but so seldom that this takes at most `SHARE` of the time.
     """
 
     def __init__(self, make: Callable[[PartialRun], Table], title: str, total: int) -> None:
         self._make, self._title, self._total = make, title, total
-        self._next_s = 0.0  # by `time.monotonic`; before it the table is not made again
-        self._lines: list[str] = []  # above the bar
+        # The time of `time.monotonic` before which the table is not made again; 0 before the first.
+        self._next_s = 0.0
+        self._lines: list[str] = []  # the table, which is shown above the progress bar
         self._around = ExitStack()
 
     def __enter__(self) -> Terminal:

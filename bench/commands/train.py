@@ -1,4 +1,7 @@
-"""`bench train`: the options of all trainings. What a training loads is loaded when it starts."""
+"""`bench train`: the options of all trainings.
+
+The packages that a training needs are imported when it starts, so that the help stays quick.
+"""
 
 from __future__ import annotations
 
@@ -33,9 +36,9 @@ def _time_limit(text: str | None) -> TimeLimit | None:
 
 TRAIN_OPTIONS: dict[str, str | OptionSpec] = {
     "out": OUT,
-    "dataset": "Dataset as of 'bench run'; its train split is used.",
+    "dataset": "Dataset, as --dataset of 'bench run' takes it; its train split is used.",
     "classes": OptionSpec(
-        "Classes to train on, comma-separated, or all.",
+        "Classes to train on, comma-separated, or 'all'.",
         flag="--class",
         kind=str,
         convert=lambda text: () if text == "all" else names(text) or (),
@@ -43,9 +46,9 @@ TRAIN_OPTIONS: dict[str, str | OptionSpec] = {
     ),
     "objects": "Objects of each class. Default: 1500 procedural ones, or all of a folder.",
     "augment": "Also train on clouds with noise and with fewer points.",
-    "steps": "Steps in total, with those done before a resume.",
+    "steps": "Steps in total; those done before the training was continued count, too.",
     "limit": OptionSpec(
-        "Time for the whole command: it ends in time with a checkpoint, from which the same "
+        "Time for the whole command: it stops in time and writes a checkpoint, from which the same "
         "command goes on. Default: no limit.",
         flag="--for",
         metavar="90s|2m|1.5h",
@@ -58,9 +61,9 @@ TRAIN_OPTIONS: dict[str, str | OptionSpec] = {
     "seed": "Seed of initial weights and batches.",
     "threads": "CPU threads. Default: PyTorch's choice.",
 }
-VIEWS = "Images of each object."
+VIEWS = "Images of each object."  # the help of --views, in all trainings that have it
 _START = OptionSpec(
-    "Weights to start from: a bundled name, or a file with the grey one beside it. "
+    "Weights to start from: a bundled name, or a file with the file of grey weights beside it. "
     "Default: random weights.",
     convert=expand_file,
 )
@@ -73,10 +76,11 @@ _U_NET_OPTIONS: dict[str, str | OptionSpec] = _COOLED_OPTIONS | {
     "views": VIEWS,
     "start": _START,
     "objective": "Loss: l1, l1-patch, relief, perceptual or pix2pix; see docs/training.md.",
-    "warm_up": "Steps at the start in which the patch discriminator only learns (not with l1).",
+    "warm_up": "Steps at the start in which the patch discriminator learns but has no influence "
+    "yet (not with l1).",
 }
 
-# By training: the help of its command, and its options in their order.
+# For each training the help of its command, and its options in the order of the help.
 TRAININGS: dict[str, tuple[str, dict[str, str | OptionSpec]]] = {
     "autoencoder": (
         "Train the point-cloud autoencoder (paper, section 3.1).",
@@ -117,7 +121,7 @@ TRAININGS: dict[str, tuple[str, dict[str, str | OptionSpec]]] = {
         },
     ),
     "fused-net": (
-        "Train splat-net that also sees meshes; write weights in colour and in grey.",
+        "Train a splat-net that also sees meshes; write weights in colour and in grey.",
         TRAIN_OPTIONS
         | _U_NET_OPTIONS
         | {
@@ -127,15 +131,16 @@ TRAININGS: dict[str, tuple[str, dict[str, str | OptionSpec]]] = {
                 default="denoised-wrap,occupancy-net",
             ),
             "start": replace(_START, help=f"Splat-net's weights. {_START.help}"),
-            "steps": "Steps in total, with those done before a resume; 0: only compute the meshes.",
+            "steps": "Steps in total; those done before the training was continued count, too. 0: "
+            "only compute the meshes.",
         },
     ),
     "occupancy-net": (
-        "Train the occupancy network on labelled places; the shapes have to be closed.",
+        "Train the occupancy network on points labelled inside or outside of closed shapes.",
         TRAIN_OPTIONS | _COOLED_OPTIONS,
     ),
     "upsampler": (
-        "Train the up-sampler, which moves places near a cloud onto its surface.",
+        "Train the up-sampler, which moves points near a cloud onto its surface.",
         {
             name: spec
             for name, spec in (TRAIN_OPTIONS | _COOLED_OPTIONS).items()
@@ -175,7 +180,7 @@ for _name, (_summary, _specs) in TRAININGS.items():
 
 
 def print_once(path: Path) -> None:
-    """Print the file of a training, in the first of its processes only."""
+    """Print the file that a training wrote, in the first of its processes only."""
     from learning.processes import is_first
 
     if is_first():

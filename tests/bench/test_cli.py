@@ -111,7 +111,10 @@ def test_what_other_systems_lack_is_told_in_a_line(monkeypatch, capsys):
     monkeypatch.setattr(sys, "platform", "win32")
     with pytest.raises(SystemExit, match="2"):
         main(["list"])
-    assert capsys.readouterr().err == "bench: Windows: use WSL 2 or Docker (docs/platforms.md)\n"
+    assert (
+        capsys.readouterr().err
+        == "bench: Windows is not supported; use WSL 2 or Docker (docs/platforms.md)\n"
+    )
 
 
 def test_a_script_without_a_main_guard_is_told_so(tmp_path):

@@ -207,9 +207,10 @@ def test_what_cannot_be_computed_again_is_refused(finished, copied, again, comma
         "bench: --seed: chooses the jobs that are computed again; give --again with it\n"
     )
     assert command("check", copied, copied, "--again", "1")[2] == (
-        "bench: 2 folders: give one, or several with --claims\n"
+        "bench: 2 folders: golden values are compared with one run; give one folder, or --claims, "
+        "which takes several\n"
     )
-    assert "leave --bless" in command("check", copied, "--again", "1", "--bless", "a.json")[2]
+    assert "leave out --bless" in command("check", copied, "--again", "1", "--bless", "a.json")[2]
     manifest = read_manifest(copied)
     alter_manifest(copied, methods=["splta"])
     assert refusal(again, copied).startswith("unknown method 'splta'")

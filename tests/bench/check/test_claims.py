@@ -194,4 +194,4 @@ def test_the_command(command, refused, tmp_path):
     assert "unknown method 'nonsense': there are splat, true-mesh, blank" in absent
     assert (run / "claims.md").read_text() == out.removesuffix("\n")
     said = refused("check", run, again)
-    assert "2 folders: give one, or several with --claims" in said
+    assert "2 folders: golden values are compared with one run; give one folder" in said

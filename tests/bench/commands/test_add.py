@@ -81,6 +81,6 @@ def test_a_method_that_breaks_the_contract_is_not_added(command, folder):
     assert any(line.startswith("FAIL images: ") for line in lines)
     assert not any(line.startswith("ok ") for line in lines)
     assert " block a run (images, " in lines[-1]
-    assert lines[-1].endswith("; next: mend what FAIL says, then add it again")
+    assert lines[-1].endswith("; next: fix what is marked FAIL, then add it again")
     assert [path.name for path in Path("run").iterdir()] == ["manifest.json"]
     assert Path("run/manifest.json").read_bytes() == before

@@ -12,8 +12,8 @@ from ..builders import overwrite, write_run
 CHAIRS = {count: [f"chair/{name}" for name in "abcdefghij"[:count]] for count in (3, 7, 8)}
 CLASSES = [*CHAIRS[8], *(f"table/{name}" for name in "klm")]
 MORE = (
-    "give runs of more, or compare any number with 'bench check old --bless golden.json' and "
-    "'bench check new --golden golden.json'"
+    "give runs with more objects, or compare any number with 'bench check old --bless golden.json' "
+    "and 'bench check new --golden golden.json'"
 )
 
 
@@ -70,13 +70,13 @@ DECIDED = {
     "better, of 8 objects": (CHAIRS[8], BETTER, "--metric lpips", 0, ""),
     "a class of 3 tables beside 8 chairs": (
         *(CLASSES, BETTER, "--metric lpips --methods splat", 0),
-        "bench: --fail-on: 2 of 4 cells are not decided, as they have fewer than 8 objects with a "
-        f"value: {OF_TABLES}\n",
+        "bench: --fail-on: 2 of 4 comparisons are not decided, as they have fewer than 8 objects "
+        f"with a value: {OF_TABLES}\n",
     ),
     "the same, worse": (
         *(CLASSES, WORSE, "--metric lpips --methods splat", 1),
-        "bench: --fail-on: 2 of 4 cells are not decided, as they have fewer than 8 objects with a "
-        f"value: {OF_TABLES}\n",
+        "bench: --fail-on: 2 of 4 comparisons are not decided, as they have fewer than 8 objects "
+        f"with a value: {OF_TABLES}\n",
     ),
 }
 
@@ -117,7 +117,7 @@ def test_two_methods_of_one_run_need_as_many_objects(two_runs, refused):
     two_runs(CHAIRS[3], lambda frame: frame)
     methods = ("--methods", "blank,splat", "--metric", "ssim")
     assert refused("compare", "old", *methods, "--fail-on", "worse") == (
-        needed("ssim", "this run has 3; give a run of more")
+        needed("ssim", "this run has 3; give a run with more objects")
     )
 
 

@@ -167,8 +167,8 @@ CASES: dict[str, str] = {
     "test folder:/no/such": "/no/such: no such folder",
     "data inspect nowhere": "nowhere: no such folder",
     "data inspect shapenet:thesis": "no ShapeNetCore here",
-    "data verify meshes": "meshes: no export; give one, or use 'bench data inspect', which prints",
-    "data verify gone": "gone: no such folder; give an export",
+    "data verify meshes": "meshes: is no export; give the folder that",
+    "data verify gone": "gone: no such folder; give the folder of an export",
     # --- numbers
     f"{ROBUSTNESS} --limit 0": "--limit 0: must be at least 1",
     f"{ROBUSTNESS} --views -2": "--views -2: must be at least 1",
@@ -190,8 +190,8 @@ CASES: dict[str, str] = {
     "run --suite speed-accuracy --methods blank --workers 2": "--workers: has no meaning for the "
     "suite speed-accuracy, ",
     "run --suite speed-accuracy --dry-run --workers 2": "--workers: has no meaning",
-    "run --suite speed --dry-run": "--dry-run: the suite speed takes minutes and has no plan",
-    "run --suite latent --dry-run": "--dry-run: the suite latent takes minutes and has no plan",
+    "run --suite speed --dry-run": "--dry-run: the suite speed has no jobs to describe and takes",
+    "run --suite latent --dry-run": "--dry-run: the suite latent has no jobs to describe and takes",
     "run --suite latent --conditions 512": "has no meaning for the suite latent, clouds have",
     "run --suite latent --views 3": "has no meaning for the suite latent, everything is seen from",
     "run --suite latent --workers 2": "has no meaning for the suite latent, it works in one ",
@@ -224,7 +224,7 @@ CASES: dict[str, str] = {
     "new dataset shapenet": "pc2pix-bench uses that id itself",
     "new method 3d-hull": "Python cannot import a module '3d_hull'",
     "new method lambda": "Python cannot import a module 'lambda'",
-    "new metric numpy": "'numpy' means something else already",
+    "new metric numpy": "'numpy' is the name of another module or form already",
     # --- names with a near one, and variants
     f"{ROBUSTNESS} --methods surface": "unknown method 'surface': did you mean 'surface-fit'? ",
     f"{ROBUSTNESS} --methods Blank": "unknown method 'Blank': did you mean 'blank'? there are pc2",
@@ -259,7 +259,7 @@ CASES: dict[str, str] = {
     f"{ROBUSTNESS} --methods blank --out thesis/chapter1.tex": "thesis/chapter1.tex: is a file; gi",
     f"{ROBUSTNESS} --methods blank --views 2 --seed 3 --out run": "run: holds a run of seed 0, not",
     f"{ROBUSTNESS} --methods blank --views 2 --seed 3 --out run --dry-run": "run of seed 0, not 3;",
-    "new method mine --out thesis": "thesis: is there already; give another --out",
+    "new method mine --out thesis": "thesis: exists already; give another folder with --out",
     "new method mine --out no/such/mine": "no/such/mine: cannot be made (No such file or direct",
     # --- runs that a command cannot use
     "add splat gone": "gone: no such folder; give a run's folder",
@@ -276,8 +276,8 @@ CASES: dict[str, str] = {
     "compare run --methods splat,true-mesh --metric flip": "run: is not scored by flip; run 'bench "
     "score run --metrics flip' first",
     "compare run --methods splat,true-mesh --metric unheard-of": "--metric unheard-of: cannot be c",
-    "score run --metrics fid": "run: fid: not measured, not here; start the run again so, which ta",
-    "score run --metrics kid": "run: fid: not measured, not here; start the run again so, which ta",
+    "score run --metrics fid": "run: fid: not measured, not here; start the run again as this",
+    "score run --metrics kid": "run: fid: not measured, not here; start the run again as this",
     "score run": "no installed package adds a metric; give --metrics flip,dists,st-lpips,",
     # --- manifests to repeat
     "run --config module/manifest.json": "foreign:METHOD: is of a module, which only a command li",
@@ -351,15 +351,15 @@ CASES |= {
     "check run --golden empty-protocol.json": "empty-protocol.json: of protocol None, this version",
     "check run --golden cloud.xyz --format junit": f"cloud.xyz: {NO_GOLDEN}",
     "check run --bless meshes": "meshes: a folder; give the name of a file, such as golden.json",
-    "check run --bless a.json --golden b.json": "--bless: writes golden values; leave --golden",
-    "check run --tolerance ssim=0.1": "--tolerance: the golden values of results/golden have their",
-    "check run --golden a --tolerance beauty=1": "--tolerance beauty=1: no metric of golden",
+    "check run --bless a.json --golden b.json": "--bless: writes golden values; leave out --go",
+    "check run --tolerance ssim=0.1": "--tolerance: the golden values of results/golden have tol",
+    "check run --golden a --tolerance beauty=1": "--tolerance beauty=1: 'beauty' is no met",
     **{
         f"check run --golden a --tolerance ssim={value}": f"--tolerance ssim={value}: must be a num"
         for value in ("-1", "nan", "inf", "x", "")
     },
-    "check run --claims --strict": "--claims: compares with the paper; leave --strict",
-    "check run --again 1 --golden a": "--again: compares a run with itself; leave --golden",
+    "check run --claims --strict": "--claims: compares with the paper; leave out --strict",
+    "check run --again 1 --golden a": "--again: compares a run with itself; leave out --golden",
     "compare run run --fail-on better": "Invalid value for '--fail-on': 'better' is not one of ",
 }
 OLD_WEIGHTS = (
