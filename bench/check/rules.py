@@ -31,47 +31,61 @@ VERDICTS: tuple[Verdict, ...] = ("supported", "contradicted", "undecided", "not 
 Ahead = Literal["surface", "network", "equal", "undecided"]
 CHAIR = "chair"
 FULL = "2048"
-DISTANCES = ("fid", "fd-views")  # the first that a run has; the second stands in for the first
-EQUAL = 0.01  # largest difference of two scores that two decimals print alike
-SHARE = 0.1  # of reconstruction's loss: the paper's network loses 0.01 SSIM where SR loses 0.40
+# The Fréchet distances that claims can be tested by. The first that a run has is taken: fd-views
+# stands in for fid in runs without Inception weights.
+DISTANCES = ("fid", "fd-views")
+EQUAL = 0.01  # the largest difference between two scores that print alike with two decimals
+# A network counts as steady where it loses less than this share of what surface reconstruction
+# (SR) loses. In the paper the network loses 0.01 of SSIM where SR loses 0.40.
+SHARE = 0.1
 CONFIDENCE = "class-confidence"
 _RETRIEVAL = "retrieval"
 RECOGNISABLE = ("ssim", "lpips")  # metrics by which an image has to beat the reference methods
-_PAPER_WIDTH = 1.0  # of the networks, in widths of the paper's
+_PAPER_WIDTH = 1.0  # the width of the paper's network, which is the unit of all widths
 
 
 # --- findings -------------------------------------------------------------------------------------
 
 
 class Requirement(NamedTuple):
-    """A value that has to be over 0 for a claim to hold."""
+    """A value that has to be over 0 for a claim to hold.
+
+    name      what the value is; empty where a claim requires nothing else
+    estimate  the value with its 95 % interval over objects; NaN where the objects are too few
+    error     the standard error of the value; None where the objects are too few
+    objects   the number of objects that the value is computed from
+    spread    the difference between the best and the worst of several trainings of the network
+              that differ in their seeds only; 0 where that is not known, and where the value does
+              not depend on the weights of a network
+    """
 
     name: str
-    estimate: Estimate  # with its 95 % interval over objects; NaN where the objects are too few
-    error: StandardError | None  # of the estimate; None where the objects are too few
-    objects: int  # their number
-    # From the lowest to the highest of several trainings of the network, which differ in their
-    # seeds; 0 where that is not known, and where no weights are compared.
+    estimate: Estimate
+    error: StandardError | None
+    objects: int
     spread: float = 0.0
 
     @property
     def shown(self) -> bool:
-        """Return whether it is over 0, by its interval and by more than the spread."""
+        """Return whether the value is over 0: its whole interval, and by more than the spread."""
         return self.estimate.low > 0 and self.estimate.value > self.spread
 
     @property
     def refuted(self) -> bool:
-        """Return whether it is below 0, by its interval and by more than the spread."""
+        """Return whether the value is below 0: its whole interval, and by more than the spread."""
         return self.estimate.high < 0 and self.estimate.value < -self.spread
 
     @property
     def p(self) -> float:
-        """Return the two-sided p value of a true value of 0; NaN without an error."""
+        """Return the two-sided p value under the hypothesis that the true value is 0.
+
+        NaN without a standard error.
+        """
         return self.error.p_value(self.estimate.value) if self.error else math.nan
 
     def shifted(self, by: float, sign: int) -> Requirement:
-        """Return the requirement that sign times this value, and `by` more, is over 0."""
-        low, high = sorted(by + sign * end for end in self.estimate[1:])
+        """Return the requirement that `by + sign * value` is over 0; `sign` is 1 or -1."""
+        low, high = sorted(by + sign * end for end in (self.estimate.low, self.estimate.high))
         return self._replace(estimate=Estimate(by + sign * self.estimate.value, low, high))
 
 
@@ -80,9 +94,9 @@ class ClaimFinding:
     """The finding of a run about a claim."""
 
     subject: str  # the method that the claim is about
-    numbers: str  # of the run, with intervals
-    requirements: tuple[Requirement, ...] = ()  # of the claim; none where it cannot be tested
-    reason: str = ""  # why it cannot be tested, or a remark that belongs to it
+    numbers: str  # the run's values, with their intervals, as text
+    requirements: tuple[Requirement, ...] = ()  # what the claim requires; empty if not testable
+    reason: str = ""  # why the claim cannot be tested, or a remark on the values
 
     @property
     def verdict(self) -> Verdict:
@@ -99,33 +113,38 @@ class ClaimFinding:
     def p(self) -> float:
         """Return the p value of the verdict.
 
-        All requirements have to be over 0, or one of them below: the largest p value where all are
-        over 0, else the smallest of those below, times the number of requirements. NaN where the
-        claim cannot be tested.
+        To be supported, all requirements have to be over 0: where all values are over 0, it is the
+        largest of their p values. To be contradicted, one below 0 is enough: else it is the
+        smallest p value of those below, times the number of requirements (Bonferroni's correction),
+        at most 1. NaN where the claim cannot be tested.
         """
         if self.verdict == "not testable here":
             return math.nan
-        below = [r.p for r in self.requirements if r.estimate.value <= 0]
-        if not below:
-            return max(requirement.p for requirement in self.requirements)
-        return min(1.0, len(self.requirements) * min(below))
+        p_below = [each.p for each in self.requirements if each.estimate.value <= 0]
+        if not p_below:
+            return max(each.p for each in self.requirements)
+        return min(1.0, len(self.requirements) * min(p_below))
 
     @property
     def objects(self) -> int:
-        """Return the fewest objects of a requirement; 0 where the claim cannot be tested."""
+        """Return the smallest number of objects of a requirement; 0 where there is none."""
         return min((requirement.objects for requirement in self.requirements), default=0)
 
     @property
     def why(self) -> str:
         """Return the requirements that do not hold, and the reason."""
-        missed = [r.name for r in self.requirements if r.name and not r.shown]
-        tied = any(abs(r.estimate.value) <= r.spread for r in self.requirements)
-        parts = [f"not shown: {', '.join(missed)}" if missed else "", self.reason]
+        missed = [each.name for each in self.requirements if each.name and not each.shown]
+        tied = any(abs(each.estimate.value) <= each.spread for each in self.requirements)
+        parts = []
+        if self.requirements and self.verdict == "not testable here":
+            parts.append("too few objects for an interval")
+        elif missed:
+            parts.append(f"not shown: {', '.join(missed)}")
+        if self.reason:
+            parts.append(self.reason)
         if tied and self.verdict == "undecided":
             parts.append("smaller than the spread between trainings")
-        if self.requirements and self.verdict == "not testable here":
-            parts[0] = "too few objects for an interval"
-        return "; ".join(filter(None, parts))
+        return "; ".join(parts)
 
 
 def corrected(findings: Sequence[ClaimFinding]) -> list[Verdict]:
@@ -134,17 +153,21 @@ def corrected(findings: Sequence[ClaimFinding]) -> list[Verdict]:
     A claim stays supported or contradicted where its corrected p value is below 0.05, else it
     becomes undecided.
     """
+    verdicts: list[Verdict] = []
     p_values = holm([finding.p for finding in findings])
-    return [
-        finding.verdict
-        if finding.verdict in ("not testable here", "undecided") or p < SIGNIFICANCE
-        else "undecided"
-        for finding, p in zip(findings, p_values, strict=True)
-    ]
+    for finding, p_value in zip(findings, p_values, strict=True):
+        verdict = finding.verdict
+        if verdict in ("supported", "contradicted") and not p_value < SIGNIFICANCE:
+            verdict = "undecided"
+        verdicts.append(verdict)
+    return verdicts
 
 
 def holm(p_values: Sequence[float]) -> list[float]:
-    """Return p values corrected for their number, in their order; NaN stays and does not count."""
+    """Return p values corrected for their number by Holm's procedure, in the order given.
+
+    NaN stays NaN, and does not count as a test.
+    """
     known = sorted((p, i) for i, p in enumerate(p_values) if not math.isnan(p))
     corrected = [math.nan] * len(p_values)
     largest = 0.0
@@ -158,26 +181,33 @@ def holm(p_values: Sequence[float]) -> list[float]:
 
 
 class MissingEvidence(Exception):
-    """A run of the right suite that lacks a value which the claim needs."""
+    """Raised where a run of the right suite lacks a value that the claim needs."""
 
 
 class Training(NamedTuple):
     """The facts about a network's weights that claims depend on."""
 
-    width: float  # in widths of the paper's network
-    degraded: bool  # whether the training showed clouds with fewer points and noise
+    width: float  # channels a layer, as a multiple of those of the paper's network
+    degraded: bool  # whether it was trained on clouds with fewer points and with noise, too
 
 
 @dataclass(frozen=True, eq=False)
 class QualityEvidence:
-    """A run with scored images."""
+    """The evidence of a run with scored images.
 
-    compared: pd.DataFrame  # as `bench.analysis.compare.compare` returns it
-    # By method and condition, the share of each chair's images that is found, [G].
+    compared   the scores, as `bench.analysis.compare.compare` returns them
+    retrieval  for each method and condition, in which share of each chair's images the judge finds
+               that chair, float64 [chairs]
+    trainings  the facts about the weights of each method whose file of weights tells them
+    subjects   the methods that claims about pc2pix are tested for; empty for all its variants
+    seeds      for each method, metric and condition, the difference between the best and the worst
+               of several trainings that differ in their seeds only, on chairs
+    """
+
+    compared: pd.DataFrame
     retrieval: Mapping[tuple[str, str], Floats] = field(default_factory=dict)
-    trainings: Mapping[str, Training] = field(default_factory=dict)  # of known weights
-    subjects: tuple[str, ...] = ()  # methods in place of the variants of pc2pix
-    # By method, metric and condition, the spread between trainings on chairs.
+    trainings: Mapping[str, Training] = field(default_factory=dict)
+    subjects: tuple[str, ...] = ()
     seeds: Mapping[tuple[str, str, str], float] = field(default_factory=dict)
 
     @property
@@ -195,7 +225,10 @@ class QualityEvidence:
         return by_method(self.compared)
 
     def quality(self, metric: str, method: str, condition: str, class_name: str) -> Row:
-        """Return a metric of a method in one cell. Raises MissingEvidence without a value."""
+        """Return the scores of a method by a metric, at a condition, on a class.
+
+        Raises MissingEvidence where the run has none.
+        """
         row = self._rows.get(method, {}).get((metric, condition, class_name))
         if row is None:
             known = class_name in self.classes(condition)
@@ -205,25 +238,30 @@ class QualityEvidence:
 
     @property
     def distance(self) -> str:
-        """Return the Fréchet distance that the run has."""
+        """Return the id of the Fréchet distance that the run has, or "fid" where it has none."""
         measured = set(self.compared["metric"])
         return next((metric for metric in DISTANCES if metric in measured), DISTANCES[0])
 
     def classes(self, condition: str = FULL) -> list[str]:
-        """Return the classes at a condition."""
+        """Return the classes that have scores at a condition."""
         return self.compared.loc[self.compared["condition"] == condition, "class"].unique().tolist()
 
 
 @dataclass(frozen=True, eq=False)
 class TimingEvidence:
-    """A run of the suite `speed`."""
+    """The evidence of a run of the suite `speed`.
 
-    samples: pd.DataFrame  # as in `tables/speed_samples.csv`
-    machine: str = "an unknown machine"  # its processor
-    trainings: Mapping[str, Training] = field(default_factory=dict)  # of known weights
+    samples    the measured times, as in `tables/speed_samples.csv`
+    machine    the processor that they were measured on
+    trainings  the facts about the weights of each method whose file of weights tells them
+    """
+
+    samples: pd.DataFrame
+    machine: str = "an unknown machine"
+    trainings: Mapping[str, Training] = field(default_factory=dict)
 
 
-# A run of `latent` is given by the means of both its tables.
+# The evidence of a run of the suite `latent` is a frame with the rows of both its tables.
 Evidence: TypeAlias = QualityEvidence | TimingEvidence | pd.DataFrame
 
 
@@ -243,10 +281,13 @@ def ordering(
 ) -> list[ClaimFinding]:
     """Test which of SR and the network is ahead in a class, or neither by more than `EQUAL`.
 
-    class_name      or AVERAGE, the mean over classes
-    subject, other  in place of the networks of the run, of which `most` are tested, and of SR
+    ahead       who the claim says is ahead: "surface" (SR), "network", "equal" or "undecided"
+    class_name  the class, or AVERAGE for the mean over all classes
+    subject     the method that is tested; by default the networks of the run
+    other       the method that it is compared with, by default SR
+    most        the largest number of networks that are tested; None for all
     """
-    metric = _measured(run, metric)
+    metric = _available(run, metric)
     names = run.classes() if class_name == AVERAGE else [class_name]
     digits, findings = decimals(metric), []
     for method in [subject] if subject else run.networks[:most]:
@@ -256,17 +297,19 @@ def ordering(
                 required = (lead,)
             case "surface":
                 required = (lead.shifted(0.0, -1),)
-            case "equal":  # two one-sided tests
+            case "equal":  # two one-sided tests: the lead is over -EQUAL and below EQUAL
                 required = lead.shifted(EQUAL, 1), lead.shifted(EQUAL, -1)
-            case "undecided":  # an effect that is not significant is never shown to be so
+            case "undecided":
+                # That there is no difference cannot be shown, only contradicted. The requirement is
+                # that the lead has the other sign than it has in this run: it never holds, and is
+                # refuted by a significant lead.
                 required = (lead.shifted(0.0, -1 if lead.estimate.value > 0 else 1),)
-        value, other_value = (
-            np.mean([run.quality(metric, m, condition, name)["value"] for name in names])
-            for m in (method, other)
-        )
+        value = _mean_quality(run, metric, method, condition, names)
+        other_value = _mean_quality(run, metric, other, condition, names)
+        label = "SR" if other == SURFACE else other
         numbers = (
-            f"{metric} {value:.{digits}f}, {'SR' if other == SURFACE else other} "
-            f"{other_value:.{digits}f}; ahead by {_text(metric, lead.estimate)}"
+            f"{metric} {value:.{digits}f}, {label} {other_value:.{digits}f}; "
+            f"ahead by {_text(metric, lead.estimate)}"
         )
         if lead.spread:
             numbers += f"; trainings differ by {lead.spread:.{digits}f}"
@@ -277,45 +320,47 @@ def ordering(
 def steady(run: QualityEvidence, metric: str, conditions: Sequence[str]) -> list[ClaimFinding]:
     """Test that the network loses less than `SHARE` of what SR loses, at each condition.
 
-    Losses are against the full cloud. A method that always draws the same image loses nothing, so
-    that its images also have to be better than those of the reference methods by `RECOGNISABLE`,
-    and found more often than by chance.
+    A loss is how much worse the score is than with the full cloud. A method that always draws the
+    same image loses nothing. So the network's images also have to be better than those of the
+    reference methods by each metric of `RECOGNISABLE`, and the judge has to find their object more
+    often than by chance.
     """
-    metric = _measured(run, metric)
+    metric = _available(run, metric)
     findings = []
     for network in run.networks:
         texts, required = [], []
         for condition in conditions:
-            of_network, of_surface = (_loss(run, metric, m, condition) for m in (network, SURFACE))
-            spared = [*((-w, q) for w, q in of_network), *((SHARE * w, q) for w, q in of_surface)]
-            required.append(weighted_sum(f"loss at {condition}", spared))
+            network_loss = _loss(run, metric, network, condition)
+            surface_loss = _loss(run, metric, SURFACE, condition)
+            # SHARE * (loss of SR) - (loss of the network) has to be over 0.
+            terms = [(-weight, quality) for weight, quality in network_loss]
+            terms += [(SHARE * weight, quality) for weight, quality in surface_loss]
+            required.append(weighted_sum(f"loss at {condition}", terms))
             required += _shows_something(run, network, condition)
-            lost = [
-                _text(metric, weighted_sum("", terms).estimate)
-                for terms in (of_network, of_surface)
-            ]
-            texts.append(f"{condition}: loses {lost[0]}, SR {lost[1]}")
+            lost = _text(metric, weighted_sum("", network_loss).estimate)
+            surface_lost = _text(metric, weighted_sum("", surface_loss).estimate)
+            texts.append(f"{condition}: loses {lost}, SR {surface_lost}")
         training = run.trainings.get(network)
-        shown = ""
-        if training is not None:
-            shown = "was not shown such clouds"
-            if training.degraded:
-                shown = "was shown such clouds in training"
-        reason = "; ".join(filter(None, [shown, _stand_in(metric)]))
+        remarks = []
+        if training is not None and training.degraded:
+            remarks.append("was shown such clouds in training")
+        elif training is not None:
+            remarks.append("was not shown such clouds")
+        if stand_in := _stand_in(metric):
+            remarks.append(stand_in)
+        reason = "; ".join(remarks)
         findings.append(ClaimFinding(network, "; ".join([metric, *texts]), tuple(required), reason))
     return findings
 
 
 def _shows_something(run: QualityEvidence, method: str, condition: str) -> list[Requirement]:
-    """Require better images than each reference method's, and a recognition beyond chance."""
-    required = [
-        _lead(run, metric, method, floor, condition)._replace(
-            name=f"{metric} over {floor} at {condition}"
-        )
-        for metric in RECOGNISABLE
-        for floor in FLOORS
-        if floor != method
-    ]
+    """Require better images than each reference method's, which the judge knows beyond chance."""
+    required = []
+    for metric in RECOGNISABLE:
+        for floor in FLOORS:
+            if floor != method:
+                lead = _lead(run, metric, method, floor, condition)
+                required.append(lead._replace(name=f"{metric} over {floor} at {condition}"))
     shares = run.retrieval.get((method, condition))
     if shares is None:
         raise MissingEvidence(f"the run has no {_RETRIEVAL} of {method} at {condition}")
@@ -324,22 +369,24 @@ def _shows_something(run: QualityEvidence, method: str, condition: str) -> list[
 
 
 def degrades(run: QualityEvidence, metric: str, conditions: Sequence[str]) -> list[ClaimFinding]:
-    """Test that SR loses against the full cloud, at each of the conditions."""
-    metric = _measured(run, metric)
+    """Test that SR scores worse at each of the conditions than with the full cloud."""
+    metric = _available(run, metric)
     losses = [weighted_sum(c, _loss(run, metric, SURFACE, c)) for c in conditions]
     numbers = "; ".join(f"{loss.name}: loses {_text(metric, loss.estimate)}" for loss in losses)
     return [ClaimFinding(SURFACE, f"{metric}; {numbers}", tuple(losses), _stand_in(metric))]
 
 
 def above_blank(run: QualityEvidence) -> list[ClaimFinding]:
-    """Test that the network's images are nearer to the truth than white ones, by SSIM and FD."""
+    """Test that the network's images are better than white ones, by SSIM and a Fréchet distance."""
     findings = []
     for network in run.networks:
         leads = [
             _lead(run, metric, network, "blank", FULL)._replace(name=metric)
             for metric in ("ssim", run.distance)
         ]
-        numbers = "; ".join(f"{r.name}: ahead by {_text(r.name, r.estimate)}" for r in leads)
+        numbers = "; ".join(
+            f"{lead.name}: ahead by {_text(lead.name, lead.estimate)}" for lead in leads
+        )
         findings.append(ClaimFinding(network, numbers, tuple(leads)))
     return findings
 
@@ -348,19 +395,20 @@ def above_blank(run: QualityEvidence) -> list[ClaimFinding]:
 
 
 def faster(run: TimingEvidence, times: float) -> list[ClaimFinding]:
-    """Test that SR's image costs over `times` as much as the network's, preparing included.
+    """Test that an image by SR takes more than `times` as long as one by the network.
 
-    On one thread, cloud by cloud: the interval is over the clouds that both have times of.
+    The time includes that for preparing the cloud, on one thread. Times are compared cloud by
+    cloud, and the interval is over the clouds for which both methods have times.
     """
     costs = _costs(run.samples)
-    networks = [m for m in costs if family_of(m) == NETWORK]
-    if SURFACE not in costs or not networks:
-        raise MissingEvidence(
-            f"the run has no times of {SURFACE if SURFACE not in costs else NETWORK}"
-        )
+    networks = [method for method in costs if family_of(method) == NETWORK]
+    if SURFACE not in costs:
+        raise MissingEvidence(f"the run has no times of {SURFACE}")
+    if not networks:
+        raise MissingEvidence(f"the run has no times of {NETWORK}")
     findings = []
     for network in networks:
-        # Paired by the names of the clouds; one that failed on the way may have no times.
+        # The two are paired by the names of clouds. A cloud at which a method failed has no time.
         ratio = np.log((costs[SURFACE] / costs[network]).dropna().to_numpy(np.float64))
         if not len(ratio):
             reason = f"the run has no cloud with times of {SURFACE}, too"
@@ -380,14 +428,19 @@ def faster(run: TimingEvidence, times: float) -> list[ClaimFinding]:
 
 
 def _costs(samples: pd.DataFrame) -> dict[str, pd.Series]:
-    """Return seconds an image of each cloud by method: medians of preparing it and of its views."""
+    """Return, for each method, the seconds that an image of each cloud takes.
+
+    They are the median time for preparing the cloud plus the median time for all its views, divided
+    by the number of views.
+    """
     warm = samples[(samples["round"] > 0) & (samples["threads"] == 1)]
     warm = warm[warm["condition"].astype(str) == FULL]
     costs, views = {}, warm["views"].max()
     for method, calls in warm.groupby("method", sort=False):
         batches = calls[(calls["stage"] == "draw") & (calls["views"] == views)]
-        parts = [calls[calls["stage"] == "prepare"], batches]
-        prepare, draw = (part.groupby("cloud")["wall_s"].median() for part in parts)
+        preparations = calls[calls["stage"] == "prepare"]
+        prepare = preparations.groupby("cloud")["wall_s"].median()
+        draw = batches.groupby("cloud")["wall_s"].median()
         costs[str(method)] = (prepare + draw) / views  # NaN where one of the two is missing
     return costs
 
@@ -398,7 +451,12 @@ def _costs(samples: pd.DataFrame) -> dict[str, pd.Series]:
 def mean_above(
     means: pd.DataFrame, metric: str, what: str, than: str | None = None
 ) -> list[ClaimFinding]:
-    """Test that a mean of the suite `latent` is above another one, or above 0."""
+    """Test that a mean of the suite `latent` is above another one, or above 0.
+
+    metric  the metric whose mean it is
+    what    the row of the table that is tested, such as "a-b+c"
+    than    the row that it has to be above; None for 0
+    """
     of_metric = means[(means["metric"] == metric) & (means["kind"] == "all")]
     wanted = [what] if than is None else [what, than]
     findings = []
@@ -406,19 +464,20 @@ def mean_above(
         at: dict[str, Any] = {str(row.what): row for row in rows.itertuples()}
         if missing := [name for name in wanted if name not in at]:
             raise MissingEvidence(f"the run has no {metric} of {', '.join(missing)}")
-        known = [Estimate(at[w].value, at[w].ci_low, at[w].ci_high) for w in wanted]
+        estimates = [Estimate(at[name].value, at[name].ci_low, at[name].ci_high) for name in wanted]
         texts = (
-            f"of {name} {e.value:.3g} [{e.low:.3g}, {e.high:.3g}]"
-            for name, e in zip(wanted, known, strict=True)
+            f"of {name} {mean.value:.3g} [{mean.low:.3g}, {mean.high:.3g}]"
+            for name, mean in zip(wanted, estimates, strict=True)
         )
-        # The two are not independent: paths and sums are the same. Paired, the interval of their
-        # difference would be shorter.
-        a, b = (*known, Estimate(0.0, 0.0, 0.0))[:2]
-        gap = a.value - b.value
-        below = math.hypot(a.value - a.low, b.high - b.value)
-        above = math.hypot(a.high - a.value, b.value - b.low)
+        first = estimates[0]
+        second = estimates[1] if than is not None else Estimate(0.0, 0.0, 0.0)
+        # The two means are taken as independent, though they are over the same paths or sums: the
+        # interval of the difference is therefore longer than one from paired values would be.
+        gap = first.value - second.value
+        below = math.hypot(first.value - first.low, second.high - second.value)
+        above = math.hypot(first.high - first.value, second.value - second.low)
+        # The half of the interval that lies towards 0 decides. It is 1.96 standard errors long.
         reach = below if gap > 0 else above
-        # Half of an interval is 1.96 standard errors.
         error = StandardError(reach / 1.96, math.inf) if math.isfinite(reach) else None
         estimate = Estimate(gap, gap - below, gap + above)
         required = Requirement("", estimate, error, at[what].n_ok)
@@ -430,13 +489,15 @@ def mean_above(
 
 
 def weighted_sum(name: str, terms: Sequence[tuple[float, Row]]) -> Requirement:
-    """Require that a weighted sum of one metric over methods and conditions is over 0.
+    """Require that a weighted sum of scores by one metric is over 0.
 
-    The terms are paired object by object.
+    terms  the weights and the scores, of methods and conditions; the interval of the sum is over
+           objects, whose scores are added up object by object
     """
     value = float(sum(weight * quality["value"] for weight, quality in terms))
     per_object = np.sum([weight * quality["samples"] for weight, quality in terms], axis=0)
-    error = (mean_error if is_mean(terms[0][1]["metric"]) else jackknife_error)([per_object])
+    metric = terms[0][1]["metric"]
+    error = mean_error([per_object]) if is_mean(metric) else jackknife_error([per_object])
     return Requirement(name, QualityChange(value, error).estimate(), error, len(per_object))
 
 
@@ -448,13 +509,12 @@ def _lead(
     condition: str,
     classes: Sequence[str] = (CHAIR,),
 ) -> Requirement:
-    """Require that a method is better than another, in the mean over classes.
+    """Require that a method scores better than another, in the mean over classes.
 
-    On chairs, by more than trainings of it differ.
+    On chairs it has to be better by more than its scores differ between trainings of it.
     """
-    ours, others = (
-        [run.quality(metric, m, condition, name) for name in classes] for m in (method, other)
-    )
+    ours = [run.quality(metric, method, condition, name) for name in classes]
+    others = [run.quality(metric, other, condition, name) for name in classes]
     objects = sum(len(quality["samples"]) for quality in ours)
     key = method, metric, condition
     spread = run.seeds.get(key, 0.0) if [*classes] == [CHAIR] else 0.0
@@ -462,8 +522,16 @@ def _lead(
     return Requirement("", lead.estimate(), lead.error, objects, spread)
 
 
+def _mean_quality(
+    run: QualityEvidence, metric: str, method: str, condition: str, classes: Sequence[str]
+) -> float:
+    """Return the mean over classes of the scores of a method."""
+    values = [run.quality(metric, method, condition, name)["value"] for name in classes]
+    return float(np.mean(values))
+
+
 def _mean_over_objects(name: str, per_object: Floats) -> Requirement:
-    """Require that the mean over objects is over 0."""
+    """Require that the mean of one value for each object is over 0."""
     mean = QualityChange(float(per_object.mean()), mean_error([per_object]))
     return Requirement(name, mean.estimate(), mean.error, len(per_object))
 
@@ -471,21 +539,28 @@ def _mean_over_objects(name: str, per_object: Floats) -> Requirement:
 def _loss(
     run: QualityEvidence, metric: str, method: str, condition: str
 ) -> list[tuple[float, Row]]:
-    """Return the terms of how much worse a method is at a condition than with the full cloud."""
+    """Return weights and scores that add up to a method's loss against the full cloud, on chairs.
+
+    The loss is positive where the method scores worse at the condition than with the full cloud.
+    """
     sign = 1.0 if higher_is_better(metric) else -1.0
-    full, less = (run.quality(metric, method, c, CHAIR) for c in (FULL, condition))
-    return [(sign, full), (-sign, less)]
+    full = run.quality(metric, method, FULL, CHAIR)
+    at_condition = run.quality(metric, method, condition, CHAIR)
+    return [(sign, full), (-sign, at_condition)]
 
 
-def _measured(run: QualityEvidence, metric: str) -> str:
+def _available(run: QualityEvidence, metric: str) -> str:
+    """Return the metric that stands for `metric` in a run: of Fréchet distances the one it has."""
     return run.distance if metric in DISTANCES else metric
 
 
 def _stand_in(metric: str) -> str:
+    """Return a remark where the metric stands in for FID, else an empty text."""
     return f"{metric} stands in for {DISTANCES[0]}" if metric == DISTANCES[1] else ""
 
 
 def _text(metric: str, estimate: Estimate) -> str:
+    """Return a value with its interval, with as many digits as the metric has in tables."""
     digits = decimals(metric)
     value, low, high = (f"{number:+.{digits}f}" for number in estimate)
     return f"{value} [{low}, {high}]"
