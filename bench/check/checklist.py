@@ -330,7 +330,7 @@ def _retrieval_of_chairs(
 
 
 def _counts(results: Sequence[ClaimResult]) -> Grid:
-    """Return a grid with the number of claims of each verdict, a row for each method of a run."""
+    """Return a grid that counts the claims of each verdict, with a row for each method of a run."""
     verdicts_of: dict[tuple[str, str], list[Verdict]] = {}
     for result in results:
         verdicts_of.setdefault((result.finding.subject, result.run), []).append(result.verdict)

@@ -51,7 +51,9 @@ class Claim:
         return self.where.partition(",")[0] if self.id.startswith("table-") else "text"
 
 
+# Claims about thirteen classes are tested on the mean over classes, for the first network of a run.
 _of_classes = partial(rules.ordering, class_name=AVERAGE, most=1)
+# The rule that tests each claim of the paper's text, by the id of the claim in claims.csv.
 RULES: Mapping[str, _Rule] = {
     "a-gan-can-render": rules.above_blank,
     "higher-class-similarity": partial(_of_classes, metric=rules.CONFIDENCE, ahead="network"),

@@ -1,4 +1,4 @@
-"""The contract of a condition: clouds that a run can use, from `rng` alone."""
+"""The contract of a condition: it gives clouds that a run can use, and is random by `rng` only."""
 
 from __future__ import annotations
 
@@ -18,9 +18,11 @@ from data_prep.failures import BadInput, StageFailure
 from data_prep.randomness import generator
 from data_prep.scene import PointCloud
 
-OBJECTS = 3  # whose clouds are checked
-FAR = 2.0  # the camera stands at 4, and noise of 20 % of the radius keeps points within 2
-# Clouds of files and of other datasets, which a condition meets as well.
+OBJECTS = 3  # the number of chairs whose clouds are perturbed
+# The distance from the centre, in radii of the unit sphere, from which a point counts as far away.
+# The camera is 4 away, and noise of 20 % of the radius moves points by less than 1.
+FAR = 2.0
+# Unusual clouds that a condition is tried on, too, as users' files and other datasets have them.
 OTHERS = ("one point", "three points", "equal points", "points in a plane", "20,000 points")
 
 
@@ -48,7 +50,7 @@ def _global_states() -> bytes:
 
 
 def check_identity(name: str) -> Passed:
-    """Check version, identity and parameters, which name finished work."""
+    """Check version, identity and parameters, by which a run knows its finished jobs again."""
     condition = _condition(name)
     checked_identity(condition.version, condition.identity)
     if not callable(getattr(condition.perturbation, "apply", None)):
@@ -69,7 +71,7 @@ def _perturbed_chairs(name: str) -> list[PointCloud]:
 
 
 def check_clouds(name: str) -> Passed:
-    """Perturb clouds, and check what comes back."""
+    """Perturb clouds, and check that usable clouds come back."""
     counts = list(map(len, _perturbed_chairs(name)))
     least, most = min(counts), max(counts)
     points = f"{least:,}" if least == most else f"{least:,} to {most:,}"
@@ -77,22 +79,23 @@ def check_clouds(name: str) -> Passed:
 
 
 def check_place(name: str) -> Passed:
-    """Check that points stay where objects are, in the unit sphere or near it."""
+    """Check that points stay in the unit sphere, where objects are, or near it."""
     farthest = max(np.linalg.norm(c.points, axis=1).max() for c in _perturbed_chairs(name))
     if farthest > FAR:
         raise ContractViolation(
-            f"the farthest point lies at {farthest:.3g}; objects are in the unit sphere"
+            f"the farthest point lies at {farthest:.3g}; keep points within {FAR:g}, as objects "
+            "are in the unit sphere"
         )
     return Passed(f"the farthest point lies at {farthest:.3f}; objects are in the unit sphere")
 
 
 def check_others(name: str) -> Passed:
-    """Perturb other clouds than those of the protocol."""
+    """Perturb unusual clouds, and check that each is perturbed or refused."""
     for other in OTHERS:
         cloud = EXTREMES[other].apply(chair(), generator("contract", other))
         try:
             _perturbed(name, cloud, other)
-        except (StageFailure, BadInput):  # refused by name
+        except (StageFailure, BadInput):  # the condition refuses the cloud and says why
             continue
         except Exception as error:
             raise ContractViolation(
@@ -103,6 +106,6 @@ def check_others(name: str) -> Passed:
 
 FIRST = (
     CheckStep("clouds", check_clouds),
-    CheckStep("place", check_place, blocks=False),  # a run takes points anywhere
-    CheckStep("other clouds", check_others, blocks=False),  # they become failed records
+    CheckStep("place", check_place, blocks=False),  # a run takes points that lie anywhere
+    CheckStep("other clouds", check_others, blocks=False),  # a run goes on, as their jobs fail
 )

@@ -1,4 +1,4 @@
-"""The contract of a dataset: objects that stay the same, in every process."""
+"""The contract of a dataset: its objects are the same whenever and wherever it is opened."""
 
 from __future__ import annotations
 
@@ -17,7 +17,8 @@ from data_prep.datasets.objects import SceneObject
 from data_prep.randomness import generator
 from data_prep.scene import IMAGE_SIZE
 
-CLASSES, OF_A_CLASS = 3, 2  # classes, and objects of each, whose clouds and images are checked
+CLASSES = 3  # the number of classes whose objects are checked
+OF_A_CLASS = 2  # the number of objects of each of these classes whose clouds and images are checked
 
 
 @cache
@@ -32,7 +33,7 @@ def _open(name: str) -> Dataset:
 
 
 def _all_objects(dataset: Dataset) -> list[SceneObject]:
-    """Return all objects of all splits; some of an infinite dataset."""
+    """Return all objects of all splits, or a sample where the dataset has no end."""
     if dataset.finite is None:
         return _sample(dataset)
     return [*dataset.finite, *(obj for split in dataset.splits.values() for obj in split)]
@@ -54,11 +55,12 @@ def check_identity(name: str) -> Passed:
     """Open the dataset twice, and compare its objects."""
     first, again = _dataset(name), _open(name)
     if not isinstance(first, Dataset):
-        raise ContractViolation(f"gives a {type(first).__name__}, expected a Dataset")
+        raise ContractViolation(f"opening it gives a {type(first).__name__}, expected a Dataset")
     names = [[_named(obj) for obj in _all_objects(dataset)] for dataset in (first, again)]
     if names[0] != names[1]:
         raise ContractViolation(
-            f"{len(names[0])} objects, and {len(names[1])} or others when it is opened again"
+            f"has {len(names[0])} objects, and {len(names[1])} or others when it is opened again; "
+            "list the same objects in the same order each time"
         )
     return Passed(f"{len(_sample(first))} of {len(names[0])} objects looked at")
 
@@ -74,14 +76,15 @@ def check_objects(name: str) -> Passed:
     dataset = _dataset(name)
     objects = _sample(dataset)
     if not objects:
-        raise ContractViolation("no objects")
+        raise ContractViolation("has no objects")
     for pool in (dataset.finite or (), *dataset.splits.values()):
         if len({_named(obj) for obj in pool}) < len(pool):
             raise ContractViolation("two objects have the same class and id")
     prints = [obj.fingerprint() for obj in objects]
     if prints != [obj.fingerprint() for obj in _sample(_open(name))]:
         raise ContractViolation(
-            "other fingerprints when it is opened again; finished work would be lost"
+            "objects have other fingerprints when it is opened again, so that a run could not use "
+            "its finished jobs; make them from the contents alone"
         )
     if len(set(prints)) < len(prints):
         raise ContractViolation("two objects have the same fingerprint")
@@ -94,18 +97,18 @@ def check_pickling(name: str) -> Passed:
         twin = pickle.loads(pickle.dumps(obj))
         if twin != obj or twin.fingerprint() != obj.fingerprint():
             raise ContractViolation(
-                f"{_named(obj)}: another object after pickling; make it a dataclass"
+                f"{_named(obj)}: is another object after pickling; make its class a dataclass"
             )
     return Passed("objects survive the way to a worker")
 
 
 def check_clouds(name: str) -> Passed:
-    """Check the points of each cloud."""
+    """Check that each cloud has finite points, and fills the unit sphere."""
     farthest = 0.0
     for obj in _sample(_dataset(name)):
         cloud = obj.cloud(generator("contract", obj.object_id))
         if not len(cloud) or not np.isfinite(cloud.points).all():
-            raise ContractViolation(f"{_named(obj)}: {len(cloud)} points, or not finite")
+            raise ContractViolation(f"{_named(obj)}: {len(cloud)} points, none or some not finite")
         farthest = max(farthest, float(np.linalg.norm(cloud.points, axis=1).max()))
     if not 0.2 < farthest < 1.001:
         raise ContractViolation(
@@ -120,7 +123,8 @@ def check_views(name: str) -> Passed:
         views, again = (obj.views(3, generator("contract", obj.object_id)) for _ in range(2))
         if len(views) != 3 or views != again:
             raise ContractViolation(
-                f"{_named(obj)}: {len(views)} of 3 views, or others the second time"
+                f"{_named(obj)}: {len(views)} of 3 views, or others the second time; take all "
+                "randomness from `rng`"
             )
     return Passed("as many as asked for, the same each time")
 
@@ -138,7 +142,9 @@ def _check_truth(name: str) -> Passed:
                 f"[2, {IMAGE_SIZE}, {IMAGE_SIZE}, 3]"
             )
         if (truth == 255).all():
-            raise ContractViolation(f"{_named(obj)}: white images; the object is not seen")
+            raise ContractViolation(
+                f"{_named(obj)}: its true images are white, as if it were not there"
+            )
         images.append(truth)
     if any(np.array_equal(a, b) for a, b in pairwise(images)):
         raise ContractViolation("two objects have the same images")
@@ -146,7 +152,7 @@ def _check_truth(name: str) -> Passed:
 
 
 def _check_both(name: str) -> Passed:
-    """Compare `cloud_and_truth` with `cloud` and `truth`."""
+    """Check that `cloud_and_truth` gives what `cloud` and `truth` give one by one."""
     objects = [obj for obj in _sample(_dataset(name)) if obj.has_truth]
     for obj in objects[:OF_A_CLASS]:
         views = obj.views(2, generator("contract", obj.object_id))

@@ -12,9 +12,12 @@ from typing import Any
 from bench.catalogue.method_files import PROJECT
 from bench.running.environment import ROOT
 
-_CODE = (".py", ".pyc", ".so", ".pth")  # which versions and the checksum of the source stand for
+# Suffixes of code, whose changes show in the version of a package or the checksum of the source.
+_CODE = (".py", ".pyc", ".so", ".pth")
+# Folders of the operating system.
 _SYSTEM = ("/proc", "/sys", "/dev", "/etc", "/usr", "/lib", "/lib64", "/opt")
-_OTHERS = (  # folders whose files versions stand for, or the machine
+# Folders whose files are not looked at: the version of a package, or the machine, stands for them.
+_OTHERS = (
     *(Path(folder).resolve() for folder in (sys.prefix, sys.base_prefix, *_SYSTEM)),
     *(ROOT / package for package in PROJECT),
 )
@@ -22,9 +25,9 @@ _OTHERS = (  # folders whose files versions stand for, or the machine
 
 @cache
 def watch_files() -> set[str]:
-    """Have this process note the paths that Python opens for reading from now on; return them.
+    """Begin to note the paths that Python opens for reading; return the set that they are put in.
 
-    Libraries that open files by themselves, as safetensors does, are not noticed.
+    Files that a library opens without Python, as safetensors does, are not noticed.
     """
     opened = set[str]()
 
@@ -41,7 +44,7 @@ def watch_files() -> set[str]:
 
 
 def unknown_files(opened: Collection[str], known: Collection[Path]) -> list[Path]:
-    """Return the data files among opened paths that are not known, sorted."""
+    """Return the data files among the paths in `opened` that are not in `known`, sorted."""
     files = {Path(path).resolve() for path in opened if _is_data(Path(path))}
     return sorted(
         file
@@ -51,7 +54,7 @@ def unknown_files(opened: Collection[str], known: Collection[Path]) -> list[Path
 
 
 def _is_data(path: Path) -> bool:
-    """Return whether a path is that of a data file: no code, no cache, no facts on a package."""
+    """Return whether a path may be that of data: not code, a hidden cache or package metadata."""
     hidden = any(part.startswith(".") for part in path.parts)
     of_package = any(part.endswith((".egg-info", ".dist-info")) for part in path.parts)
     return path.suffix not in _CODE and not hidden and not of_package

@@ -1,4 +1,4 @@
-"""Findings about a plug-in, a line for each point of its contract, and their summary."""
+"""Findings about a plug-in, one for each point of its contract, and their summary."""
 
 from __future__ import annotations
 
@@ -9,10 +9,12 @@ from typing import Any
 
 @dataclass(frozen=True)
 class Finding:
-    """The result of a check of a point of a contract.
+    """The result of checking one point of a contract.
 
-    ok      whether the point is kept
-    blocks  whether a run would fail or have false results where it is not kept
+    ok       whether the plug-in keeps the point
+    subject  the name of the point
+    text     what was found
+    blocks   whether a run would fail or have false results where the point is not kept
     """
 
     ok: bool
@@ -29,9 +31,10 @@ class Finding:
 
 
 class ContractViolation(Exception):
-    """A point of the contract that is not kept; the message tells the problem.
+    """Raised where a point of the contract is not kept; the message tells the problem.
 
-    evidence  for later steps, which run nevertheless
+    blocks    whether a run would fail or have false results
+    evidence  what the check found out for later steps, which are carried out nevertheless
     """
 
     def __init__(self, message: str, blocks: bool = True, evidence: Any = None) -> None:
@@ -41,7 +44,11 @@ class ContractViolation(Exception):
 
 
 def checked_identity(version: object, identity: Callable[[], object] = str) -> str:
-    """Return the text of `identity`, which names finished work, as the version does."""
+    """Return the text of `identity`, by which, with the version, a run knows its finished jobs.
+
+    Raises ContractViolation for a version that is no whole number, and for an identity that is no
+    text or is another one the second time.
+    """
     if type(version) is not int:
         raise ContractViolation(f"version is {version!r}, expected a whole number")
     text, again = identity(), identity()
@@ -49,7 +56,8 @@ def checked_identity(version: object, identity: Callable[[], object] = str) -> s
         raise ContractViolation(f"identity() gives a {type(text).__name__}, expected a str")
     if text != again:
         raise ContractViolation(
-            f"identity() gives {text!r}, then {again!r}; finished work would be lost"
+            f"identity() gives {text!r}, then {again!r}, so that a run could not use its finished "
+            "jobs"
         )
     return text
 
@@ -65,7 +73,8 @@ def summary(findings: Sequence[Finding], following: str = "") -> str:
     warned = [finding.subject for finding in findings if finding.verdict == "warn"]
     blocking = f"{len(failed)} {'blocks' if len(failed) == 1 else 'block'} a run{_named(failed)}"
     warnings = f"{len(warned)} warning{'' if len(warned) == 1 else 's'}{_named(warned)}"
-    return f"{blocking}, {warnings}" + (f"; next: {following}" if following else "")
+    line = f"{blocking}, {warnings}"
+    return f"{line}; next: {following}" if following else line
 
 
 def _named(subjects: Sequence[str]) -> str:

@@ -28,10 +28,13 @@ from data_prep.plugins import announced, entry_point_folder
 from data_prep.randomness import generator
 from data_prep.scene import IMAGE_SIZE, PointCloud, Renderer, UInt8Images, View
 
-LIMITS = Limits(time_s=20.0, memory_gib=4.0)
+LIMITS = Limits(time_s=20.0, memory_gib=4.0)  # the limits of each step of a test
 VIEWS = (View(30.0, 20.0), View(-60.0, -10.0), View(120.0, 35.0))
-TURN = tuple(View(18.0 * i - 180, (-30.0, 0.0, 30.0)[i % 3]) for i in range(20))  # as in a run
-BATCHES = (1, 3)  # views a call, beside all 20
+_LEVELS_DEG = (-30.0, 0.0, 30.0)
+# 20 views, as many as a run has of an object, in steps of 18 degrees around it.
+TURN = tuple(View(18.0 * i - 180, _LEVELS_DEG[i % 3]) for i in range(20))
+BATCHES = (1, 3)  # numbers of views in a call whose images are compared with those of one call
+# Extreme clouds that a method has to draw, or to refuse with a StageFailure.
 EXTREMES: dict[str, Perturbation] = {
     "no points": extreme("Count", 0),
     "one point": extreme("Count", 1),
@@ -43,16 +46,17 @@ EXTREMES: dict[str, Perturbation] = {
     "a far point": extreme("FirstPoint", 1e30),
     "a tiny cloud": extreme("Scaled", 1e-30),
 }
-NOT_FINITE: dict[str, Perturbation] = {  # a run gives no method such points
+# Clouds with points that are not finite. A run gives no method such points, a user of it may.
+NOT_FINITE: dict[str, Perturbation] = {
     "a point at NaN": extreme("FirstPoint", float("nan")),
     "a point at infinity": extreme("FirstPoint", float("inf")),
 }
-# Code that copies or shows a whole cloud reads all its fields.
+# Modules whose reads of `source` do not count: they copy or print a cloud with all its fields.
 _COPYING = ("dataclasses", "data_prep.scene", "copy")
 
 
 class _WatchedCloud(PointCloud):
-    """A cloud that notices whether its source is read."""
+    """A cloud that notices whether a method reads its `source`, the mesh behind it."""
 
     source_is_read = False
 
@@ -71,7 +75,7 @@ def _method(name: str) -> Method:
 
 @cache
 def _renderer(name: str) -> Renderer:
-    """Return the renderer of a method, once a process, as in a run."""
+    """Return the renderer of a method, which is loaded once in a process, as in a run."""
     return _method(name).load("auto")
 
 
@@ -92,7 +96,7 @@ def use(name: str, number: int) -> UInt8Images:
 
 
 def check_identity(name: str) -> Passed:
-    """Check the identity and the version, which name finished work."""
+    """Check the identity and the version, by which a run knows its finished jobs again."""
     method = _method(name)
     identity = checked_identity(method.version, method.identity)
     text = f"version {method.version}, identity {identity!r} each time"
@@ -103,7 +107,7 @@ def check_identity(name: str) -> Passed:
 
 
 def _check_files(name: str) -> Passed:
-    """Check that a method of others is known by the files that it has read in the steps before."""
+    """Check that the data files which the method has read so far are part of its identity."""
     opened = sorted(watch_files())
     if is_module_name(name):
         known = data_files(name, _method(name).declared_files).files
@@ -114,8 +118,8 @@ def _check_files(name: str) -> Passed:
         return Passed("the checksum of its weights is a part of its identity")
     if unknown := unknown_files(opened, known):
         raise ContractViolation(
-            f"reads {', '.join(map(str, unknown))}, whose change no run would notice; name it in "
-            "`files` of the method (docs/extending.md)"
+            f"reads {', '.join(map(str, unknown))}, and no run would notice a change there; name "
+            "it in `files` of the method (docs/extending.md)"
         )
     return Passed(f"{len(known)} beside its code are a part of its identity, and no other is read")
 
@@ -132,7 +136,7 @@ def check_loading(name: str) -> Passed:
 
 
 def check_images(name: str) -> Passed:
-    """Draw three views."""
+    """Draw three views of a chair, and check type, shape and range of the images."""
     method, renderer, rng = _method(name), _renderer(name), generator("contract")
     cloud = seen_by(method, chair())
     if not method.sees_mesh:
@@ -155,13 +159,14 @@ def check_images(name: str) -> Passed:
         )
     if not np.array_equal(before, cloud.points):
         raise ContractViolation("the points of the cloud were changed; work on a copy")
-    for side in {IMAGE_SIZE, method.sizes[0], method.sizes[-1]}:  # as a run, and `bench render`
+    # A run draws IMAGE_SIZE pixels; `bench render` draws any size that the method states.
+    for side in {IMAGE_SIZE, method.sizes[0], method.sizes[-1]}:
         draw(method, renderer, chair(), VIEWS, generator("contract", "method"), side=side)
     return Passed(f"{list(images.shape)} float32 in {images.min():.2f} .. {images.max():.2f}")
 
 
 def _check_no_views(name: str) -> Passed:
-    """Draw no views."""
+    """Draw an empty list of views, which has to give an empty array."""
     images = _renderer(name).draw(_prepared(name), (), generator("contract"))
     if np.shape(images) != (0, IMAGE_SIZE, IMAGE_SIZE, 3):
         raise ContractViolation(
@@ -179,24 +184,24 @@ def check_batches(name: str) -> Passed:
     state = _prepared(name)
     whole, again = (_drawn(name, state, len(TURN)) for _ in range(2))
     if _method(name).id not in FLOORS and (whole == whole[:1]).all():
-        raise ContractViolation("the same image from 20 views")
+        raise ContractViolation("draws the same image from 20 views")
     if not np.array_equal(whole, again):
         raise ContractViolation(
-            f"the same state again: {apart(whole, again)}; take all randomness from `rng`, and "
-            "draw may not change the state"
+            f"draws other images of the same state the second time: {apart(whole, again)}; take "
+            "all randomness from `rng`, and do not change the state in draw"
         )
     is_random = not np.array_equal(whole, _drawn(name, state, len(TURN), "other numbers"))
     for batch in BATCHES:
         images = _drawn(name, state, batch)
         expected = _drawn(name, state, batch) if is_random else whole
-        if not np.allclose(images.astype(int), expected, rtol=0, atol=1):  # grey level
+        if not np.allclose(images.astype(int), expected, rtol=0, atol=1):  # one grey level of 255
             compared = "twice" if is_random else "and of 20 views"
             raise ContractViolation(
                 f"calls of {batch} {compared}: {apart(images, expected)}; an image may not depend "
                 "on the other views"
             )
-    random = "; draw takes random numbers" * is_random
-    return Passed(f"the same images from 1, 3 and 20 views a call{random}")
+    text = "the same images from 1, 3 and 20 views a call"
+    return Passed(f"{text}; draw takes random numbers" if is_random else text)
 
 
 def _prepared(name: str) -> Any:
@@ -213,7 +218,7 @@ def _drawn(name: str, state: Any, batch: int, seed: str = "numbers") -> UInt8Ima
 
 
 def check_inputs(name: str) -> Passed:
-    """Check that images depend on the cloud, or do not, as `sees_cloud` says."""
+    """Check that images depend on the cloud where `sees_cloud` says so, and else do not."""
     sees_cloud, cloud = _method(name).sees_cloud, chair()
     images = _images(name, cloud)
     fewer = _images(name, extreme("Kept", 0.25).apply(cloud, generator("contract", "fewer")))
@@ -225,12 +230,14 @@ def check_inputs(name: str) -> Passed:
             )
         return Passed("the same images for all conditions, as sees_cloud=False says")
     if np.array_equal(images, fewer) and np.array_equal(images, _images(name, chair(1))):
-        raise ContractViolation("the same images for every cloud; say so: sees_cloud=False")
+        raise ContractViolation(
+            "draws the same images for every cloud; declare it with sees_cloud=False"
+        )
     return Passed("the images depend on the cloud")
 
 
 def _check_extreme(name: str, extreme: str) -> Passed:
-    """Check that an extreme cloud is drawn, or refused by the name of a stage."""
+    """Check that an extreme cloud is drawn, or refused with a StageFailure or BadInput."""
     cloud = (EXTREMES | NOT_FINITE)[extreme].apply(chair(), generator("contract", extreme))
     method, renderer = _method(name), _renderer(name)
     cloud = seen_by(method, cloud)
@@ -253,7 +260,7 @@ def _check_cost(name: str) -> Passed:
     start = time.perf_counter()
     _drawn(name, _prepared(name), len(TURN))
     seconds = time.perf_counter() - start
-    peak = resource.getrusage(resource.RUSAGE_SELF).ru_maxrss / 2**10  # kB on Linux
+    peak = resource.getrusage(resource.RUSAGE_SELF).ru_maxrss / 2**10  # from KiB, its unit on Linux
     return Passed(f"a cloud with {len(TURN)} views {seconds:.2f} s, {peak:.0f} MiB at most so far")
 
 
@@ -268,13 +275,13 @@ def apart(first: NDArray[Any], second: NDArray[Any]) -> str:
 FIRST = (
     CheckStep("loading", check_loading),
     CheckStep("images", check_images),
-    CheckStep("no views", _check_no_views, blocks=False),  # no run asks for none
+    CheckStep("no views", _check_no_views, blocks=False),  # no run asks for no views
     CheckStep("batches", check_batches),
     CheckStep("inputs", check_inputs),
 )
 LAST = (
     *(CheckStep(cloud, partial(_check_extreme, extreme=cloud)) for cloud in EXTREMES),
     CheckStep("cost", _check_cost),
-    CheckStep("files", _check_files, blocks=False),  # a cache of a library may be among them
+    CheckStep("files", _check_files, blocks=False),  # the file may be the cache of a library
     *(CheckStep(c, partial(_check_extreme, extreme=c), blocks=False) for c in NOT_FINITE),
 )

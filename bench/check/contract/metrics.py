@@ -15,7 +15,7 @@ from bench.check.contract.targets import find_target
 from data_prep.datasets.registry import ProceduralObject
 from data_prep.scene import UInt8Images
 
-BATCHES = (1, 3)  # images a call, beside all 20 of them
+BATCHES = (1, 3)  # numbers of images in a call whose values are compared with those of one call
 
 
 def _metric(name: str) -> ImageMetric | SetMetric:
@@ -33,7 +33,7 @@ def _true_images(index: int) -> UInt8Images:
 
 
 def _values(name: str, truth: UInt8Images, drawn: UInt8Images) -> NDArray[np.float64]:
-    """Return the checked values, or features, of a metric on copies of images."""
+    """Return a metric's values, or its features, of copies of images, after checking them."""
     metric, truth, drawn = _metric(name), truth.copy(), drawn.copy()
     before = truth.copy(), drawn.copy()
     if isinstance(metric, ImageMetric):
@@ -53,12 +53,12 @@ def _values(name: str, truth: UInt8Images, drawn: UInt8Images) -> NDArray[np.flo
             f"first {values[~np.isfinite(values)][0]}; 'bench score' would end there"
         )
     if not all(map(np.array_equal, before, (truth, drawn))):
-        raise ContractViolation("the images were changed; work on a copy")
+        raise ContractViolation("changes the images that it is given; work on a copy")
     return values
 
 
 def check_identity(name: str) -> Passed:
-    """Check the fields of a metric that its tables show."""
+    """Check the version of a metric, and whether higher values are better."""
     metric = _metric(name)
     checked_identity(metric.version)
     if isinstance(metric, ImageMetric) and type(metric.higher_is_better) is not bool:
@@ -67,12 +67,12 @@ def check_identity(name: str) -> Passed:
 
 
 def use(name: str, number: int) -> NDArray[np.float64]:
-    """Return the values of the images of one object, with those of another as the truth."""
+    """Return the values of one chair's images, where another chair's are taken as the true ones."""
     return _values(name, _true_images(number % 2), _true_images(1 - number % 2))
 
 
 def check_images(name: str) -> Passed:
-    """Measure three images."""
+    """Measure three images, and check shape and range of the values."""
     values = _values(name, _true_images(0)[: len(VIEWS)], _true_images(1)[: len(VIEWS)])
     return Passed(f"{list(values.shape)}, finite")
 
@@ -95,9 +95,10 @@ def check_batches(name: str) -> Passed:
         parts = [slice(i, i + count) for i in range(0, len(truth), count)]
         values = np.concatenate([_values(name, truth[part], drawn[part]) for part in parts])
         if values.shape != whole.shape or not np.allclose(values, whole, rtol=1e-5, atol=1e-8):
+            images = "1 image" if count == 1 else f"{count} images"
             raise ContractViolation(
-                f"other values for {count} image{'s' if count > 1 else ''} a call than for 20: an "
-                "image has another value alone than among others"
+                f"other values for {images} a call than for 20: an image has another value alone "
+                "than among others"
             )
     return Passed("the same alone and among others")
 
@@ -107,20 +108,21 @@ def check_scores(name: str) -> Passed:
     metric, truth, other = _metric(name), _true_images(0), _true_images(1)
     assert isinstance(metric, ImageMetric)
     same, off = _values(name, truth, truth), _values(name, truth, other)
-    if np.array_equal(off, _values(name, other, other)) and np.array_equal(
+    # Whether the values stay the same when the true images are others.
+    ignores_truth = np.array_equal(off, _values(name, other, other)) and np.array_equal(
         same, _values(name, other, truth)
-    ):
-        raise ContractViolation(
-            "the same for every image"
-            if np.array_equal(same, off)
-            else "the true images change nothing"
-        )
+    )
+    if ignores_truth and np.array_equal(same, off):
+        raise ContractViolation("every image has the same value")
+    if ignores_truth:
+        raise ContractViolation("the values do not depend on the true images")
     if np.array_equal(same, off):
         raise ContractViolation("identical images have the same value as those of another object")
     if (same.mean() > off.mean()) != metric.higher_is_better:
         better = "higher" if metric.higher_is_better else "lower"
         raise ContractViolation(
-            f"identical images have {same.mean():.4g}, others {off.mean():.4g}: {better} is better?"
+            f"identical images have {same.mean():.4g}, others {off.mean():.4g}, but the metric "
+            f"states that {better} is better; correct higher_is_better"
         )
     return Passed(f"identical images {same.mean():.4g}, another object {off.mean():.4g}")
 
@@ -129,9 +131,9 @@ def check_features(name: str) -> Passed:
     """Check that features depend on the image."""
     features = _values(name, _true_images(0), _true_images(0))
     if np.array_equal(features, _values(name, _true_images(0), _true_images(1))):
-        raise ContractViolation("the same features for another object")
+        raise ContractViolation("images of two objects have the same features")
     if (features == features[:1]).all():
-        raise ContractViolation("the same features for every image")
+        raise ContractViolation("all images of an object have the same features")
     return Passed(f"{features.shape[1]} features that depend on the image")
 
 

@@ -1,4 +1,7 @@
-"""The test of a plug-in: its import in a worker, the other steps in another one, in 60 seconds."""
+"""The test of a plug-in in at most 60 seconds.
+
+One worker imports the plug-in, and another one carries out the other steps.
+"""
 
 from __future__ import annotations
 
@@ -28,21 +31,24 @@ from bench.check.contract.targets import (
 from bench.running.pool import WORKER_ENVIRONMENT
 from data_prep.clouds.conditions import Condition
 
-_TOTAL_S = 60.0
-_CLOSING_S = 3.0  # of _TOTAL_S, for workers that end
-CALLS, FEWEST_CALLS = 8, 3  # inputs between two uses of one; fewer after CALLS_S
-CALLS_S = 5.0  # seconds
+_TOTAL_S = 60.0  # seconds that a whole test may take
+_CLOSING_S = 3.0  # the seconds of _TOTAL_S that are kept for ending the workers
+# Other inputs that a plug-in is used with between two uses of the same input, whose results are
+# compared. After CALLS_S seconds it is no longer used with more of them than FEWEST_CALLS.
+CALLS, FEWEST_CALLS = 8, 3
+CALLS_S = 5.0
 
 
 @dataclass(frozen=True)
 class Kind:
-    """What is tested of a kind of plug-in; each function takes the name of one.
+    """How plug-ins of a kind are tested; each function takes the name of a plug-in.
 
-    use             what the plug-in makes of an input of this number, checked
-    result          the word for that
-    check_identity  the check of its fields
-    first, last     the steps before and after those of all kinds
-    remedy          what to do where a result is another one the second time
+    use             the function that returns the checked result of a plug-in for an input, which is
+                    chosen by its number
+    result          what messages call such results, in the plural
+    check_identity  the step that checks the fields of a plug-in
+    first, last     the steps before and after those that all kinds have
+    remedy          the remedy in messages on results that are others the second time
     """
 
     use: Callable[[str, int], NDArray[Any]]
@@ -54,23 +60,32 @@ class Kind:
 
 
 _of_metrics = partial(
-    *(Kind, metrics.use, "values", metrics.check_identity),
+    Kind,
+    use=metrics.use,
+    result="values",
+    check_identity=metrics.check_identity,
     remedy="a value depends on its image and the truth alone",
 )
 KINDS: Mapping[type, Kind] = {
     Method: Kind(
-        *(methods.use, "images", methods.check_identity),
+        use=methods.use,
+        result="images",
+        check_identity=methods.check_identity,
         first=methods.FIRST,
-        last=methods.LAST,  # a hang ends the test
+        last=methods.LAST,  # the steps that may hang come last, as a hang ends the test
     ),
     ImageMetric: _of_metrics(first=metrics.OF_IMAGES),
     SetMetric: _of_metrics(first=metrics.OF_SETS),
     DatasetSource: Kind(
-        *(datasets.use, "points", datasets.check_identity),
+        use=datasets.use,
+        result="points",
+        check_identity=datasets.check_identity,
         first=datasets.FIRST,
     ),
     Condition: Kind(
-        *(conditions.use, "points", conditions.check_identity),
+        use=conditions.use,
+        result="points",
+        check_identity=conditions.check_identity,
         first=conditions.FIRST,
     ),
 }
@@ -86,7 +101,7 @@ def check_identity(name: str) -> Passed:
 
 
 def check_repeatable(name: str) -> Passed:
-    """Use the plug-in twice with the same input."""
+    """Use the plug-in twice with the same input, and compare the results."""
     kind = _kind(name)
     first, second = kind.use(name, 0), kind.use(name, 0)
     if not np.array_equal(first, second):
@@ -97,7 +112,7 @@ def check_repeatable(name: str) -> Passed:
 
 
 def check_calls(name: str) -> Passed:
-    """Use the plug-in often, then as at first, and compare the results."""
+    """Use the plug-in with other inputs, then with the first one again, and compare the results."""
     kind, start = _kind(name), time.perf_counter()
     first, others = kind.use(name, 0), 0
     for number in range(1, 1 + CALLS):
@@ -144,7 +159,7 @@ def plugin_findings(
         yield report.finding
         if report.evidence is not None:
             steps = steps_of(report.evidence)
-    if not reports:  # a machine so busy that no worker could begin
+    if not reports:  # the machine is so busy that no worker could begin
         yield Finding(False, "not tested", f"all of it: {total_s:g} s are over")
         return
     for report in perform(name, steps, limits, until, WORKER_ENVIRONMENT):

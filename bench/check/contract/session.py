@@ -1,7 +1,7 @@
-"""Steps of a test of a plug-in: each runs in a killable worker.
+"""The steps of a test of a plug-in, which run in a worker that can be killed.
 
-An exception, a call of exit(), a signal and a hang of the worker are findings. This module and
-`targets` load no heavy package, so that the imports of a plug-in show.
+An exception, a call of exit(), a signal and a hang of the worker become findings. This module and
+`targets` import no heavy package, so that one that is loaded afterwards is the plug-in's.
 """
 
 from __future__ import annotations
@@ -22,12 +22,13 @@ from bench.check.contract.findings import ContractViolation, Finding
 from bench.running.pool import TaskPool, WorkerFailure
 from data_prep.failures import BadInput, MissingDependency
 
-_EXIT_STATUS = 86  # of a worker in which the plug-in has called os._exit(0)
-_MOST_DEATHS = 3
+# The exit status of a worker in which the plug-in called os._exit(0): any that nothing else uses.
+_EXIT_STATUS = 86
+_MOST_DEATHS = 3  # workers that a plug-in may end before its test is given up
 
 
 class Passed(NamedTuple):
-    """The result of a check that passed: its text, and evidence for later steps."""
+    """The result of a check that passed: its text, and what it found out for later steps."""
 
     text: str
     evidence: Any = None
@@ -35,12 +36,13 @@ class Passed(NamedTuple):
 
 @dataclass(frozen=True)
 class CheckStep:
-    """A point of a contract.
+    """A step of a test, which checks one point of a contract.
 
-    subject     its name in the finding
-    check       called with the name of the plug-in, in a worker; raises ContractViolation, or any
-                exception of the plug-in. A function of a module, or a partial of one
-    blocks      whether a run would fail or have false results where the point is not kept
+    subject  the name of the point in the finding
+    check    the function that a worker calls with the name of the plug-in. It raises
+             ContractViolation, or any exception of the plug-in. As it is pickled, it is a function
+             of a module, or a partial of one
+    blocks   whether a run would fail or have false results where the point is not kept
     """
 
     subject: str
@@ -59,7 +61,8 @@ class _StepTask(NamedTuple):
 class Report:
     """The finding of a step.
 
-    is_last  whether no further step is tried, after a hang or a missing library
+    evidence  what the step found out for later steps
+    is_last   whether no further step is tried, as after a hang or with a missing library
     """
 
     step: CheckStep
@@ -75,10 +78,11 @@ def perform(
     until: float,
     environment: Mapping[str, str],
 ) -> Iterator[Report]:
-    """Yield the report of each step, in their order; one worker serves as long as it lives.
+    """Yield the report of each step, in their order.
 
-    It ends after a last step, after _MOST_DEATHS workers, and at the moment `until` of the
-    monotonic clock.
+    One worker does all steps; where a step ends it, the next step gets a new one. No step follows a
+    report with `is_last`, the death of _MOST_DEATHS workers, or the time `until` of
+    `time.monotonic`.
     """
     deaths = 0
     with tempfile.TemporaryDirectory(prefix=".bench-test-") as temporary:
@@ -91,7 +95,7 @@ def perform(
                 except BrokenProcessPool as error:
                     ended = [(None, WorkerFailure("crash", str(error)))]
                     deaths = _MOST_DEATHS
-                if not ended:  # the time of the whole test is over: the pool ends its worker
+                if not ended:  # the time is over: closing the pool kills the worker
                     return
                 ((_, result),) = ended
                 if isinstance(result, WorkerFailure):
@@ -133,8 +137,10 @@ def _checked(task: _StepTask) -> Report:
     except BaseException as error:  # the plug-in may call exit(), or raise KeyboardInterrupt
         from bench.running.work import reason_of  # loads pandas, which a plug-in may not
 
-        text = f"{type(error).__name__}({error}): raise an exception, do not end the process"
-        text = reason_of(error) if isinstance(error, Exception) else text
+        if isinstance(error, Exception):
+            text = reason_of(error)
+        else:
+            text = f"{type(error).__name__}({error}): raise an exception, do not end the process"
     return Report(step, Finding(False, step.subject, text, blocks), evidence)
 
 

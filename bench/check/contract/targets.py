@@ -28,17 +28,30 @@ from data_prep.datasets.registry import (
 from data_prep.failures import BadInput
 from data_prep.plugins import announced
 
+# Packages whose import takes so long that a plug-in's module may not import them at its top.
 HEAVY = (
-    *("torch", "scipy", "pandas", "skimage", "matplotlib", "trimesh", "pymeshlab", "open3d"),
-    *("sklearn", "tensorflow", "jax", "numba", "cv2"),
+    "torch",
+    "scipy",
+    "pandas",
+    "skimage",
+    "matplotlib",
+    "trimesh",
+    "pymeshlab",
+    "open3d",
+    "sklearn",
+    "tensorflow",
+    "jax",
+    "numba",
+    "cv2",
 )
-_SLOW_IMPORT_S = 2.0
+_SLOW_IMPORT_S = 2.0  # seconds; the import of a plug-in that takes longer is reported
+# The conditions of this project, by id.
 _OURS = {condition.id: condition for condition in CONDITIONS}
 
 
 @dataclass(frozen=True)
 class DatasetSource:
-    """A dataset that can be opened any number of times; its id is that of --dataset."""
+    """A dataset that can be opened any number of times; its id is the value of --dataset."""
 
     id: str
     open: Callable[[], Dataset]
@@ -72,7 +85,10 @@ def check_name(name: str) -> None:
 
 @cache
 def find_target(name: str) -> _Target:
-    """Return the plug-in of this name, loaded once a process; errors of its module go on."""
+    """Return the plug-in of this name, which is loaded once in a process.
+
+    Raises whatever its module raises while it is imported.
+    """
     if is_dataset(name):
         if (kind := name.partition(":")[0]) in reader_ids():
             find_reader(kind)  # its module is loaded here
@@ -109,9 +125,9 @@ def _of_module(name: str) -> _Target:
 
 
 def check_import(name: str) -> Passed:
-    """Load the plug-in's module, which may not be slow, nor load a heavy package.
+    """Import the plug-in's module, which may neither be slow nor import a heavy package.
 
-    The evidence is the type of the plug-in.
+    The evidence for later steps is the type of the plug-in.
     """
     loaded, start = set(sys.modules), time.perf_counter()
     kind = kind_of(find_target(name))
@@ -119,12 +135,14 @@ def check_import(name: str) -> Passed:
     heavy = {module.partition(".")[0] for module in set(sys.modules) - loaded} & set(HEAVY)
     if heavy:
         raise ContractViolation(
-            f"loads {', '.join(sorted(heavy))}; import them where they are needed",
+            f"loads {', '.join(sorted(heavy))}; import them in the functions that need them",
             blocks=False,
             evidence=kind,
         )
     if seconds > _SLOW_IMPORT_S:
         raise ContractViolation(
-            f"takes {seconds:.1f} s; do the work where it is needed", blocks=False, evidence=kind
+            f"takes {seconds:.1f} s; do what takes long in the functions that need it",
+            blocks=False,
+            evidence=kind,
         )
     return Passed(f"{seconds:.1f} s, loads no heavy package", kind)

@@ -110,7 +110,7 @@ FAULTS = {
     "SCALE": ("clouds", "bring objects to the unit sphere", True),
     "NO_POINTS": ("clouds", "0 points, or not finite", True),
     "FEW_VIEWS": ("views", "2 of 3 views", True),
-    "WHITE": ("truth", "white images; the object is not seen", True),
+    "WHITE": ("truth", "its true images are white", True),
     "FLOAT_TRUTH": ("truth", "float64 [2, 128, 128, 3], expected uint8", True),
     "BOTH": ("cloud and truth", "cloud_and_truth gives other images", True),
     "SHRINKS": ("identity", "4 objects, and 3 or others when it is opened again", True),

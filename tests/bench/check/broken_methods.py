@@ -299,7 +299,7 @@ FAULTS = {
     "LOADS_NOTHING": ("loading", "weights.bin: cut short; fetch them again", True),
     "NO_LIBRARY": ("loading", "no licence; buy one", True),
     "LOADS_NONE": ("loading", "NoneType has no function prepare", True),
-    "OTHER_IDENTITY": ("identity", "finished work would be lost", True),
+    "OTHER_IDENTITY": ("identity", "a run could not use its finished jobs", True),
     "IDENTITY_IS_NONE": ("identity", "identity() gives a NoneType, expected a str", True),
     "VERSION_IS_TEXT": ("identity", "version is '1.0', expected a whole number", True),
 }

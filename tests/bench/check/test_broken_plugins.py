@@ -134,7 +134,9 @@ def test_a_file_that_is_read_and_not_known_is_named(elsewhere):
     (elsewhere / "w.bin").write_text("weights")
     text = broken_methods.MODULE.format(line="open(''.join(['w', '.bin'])).close()")
     (elsewhere / "reading.py").write_text(text)
-    read = f"reads {elsewhere / 'w.bin'}, whose change no run would notice; name it in `files`"
+    read = (
+        f"reads {elsewhere / 'w.bin'}, and no run would notice a change there; name it in `files`"
+    )
     assert_named(verdicts("reading:Plain"), "files", read, False)
     (elsewhere / "declaring.py").write_text(f"{text}\nclass Mine(Plain):\n    files = ('w.bin',)\n")
     found = verdicts("declaring:Mine")
