@@ -1,7 +1,7 @@
 """The chairs of the suite `latent`: pairs of different families, and triples with an answer.
 
-A pair differs in structure, as its families do. A - B + C has the right answer D, as A is B with
-one change, and D is C with the same change.
+The two chairs of a pair are of different structural families. The sum A - B + C of a triple has
+the right answer D, as A is B with one change, and D is C with the same change.
 """
 
 from __future__ import annotations
@@ -17,7 +17,7 @@ from data_prep.scene import Mesh
 from data_prep.shapes.chair.chairs import build_chair
 from data_prep.shapes.chair.spec import ChairSpec, draw_chair_spec
 
-ALL = "all"  # changes
+ALL = "all"  # in place of the name of a change: of all changes together, or of none
 
 
 @dataclass(frozen=True)
@@ -37,35 +37,46 @@ class Change:
     """A change of a description."""
 
     id: str
-    fits: Callable[[ChairSpec], bool]  # whether a chair can be changed so, and is not so already
-    apply: Callable[[ChairSpec], ChairSpec]  # with everything else as it was
-    about: str
+    fits: Callable[[ChairSpec], bool]  # returns whether a chair can have the change and lacks it
+    apply: Callable[[ChairSpec], ChairSpec]  # returns the chair with this change and no other
+    about: str  # the change in words
+
+
+def _can_have_arms(chair: ChairSpec) -> bool:
+    has_place = chair.seat != "round" and chair.family in ("four-leg", "pedestal", "sled", "rocker")
+    return has_place and not chair.arms
+
+
+def _with_arms(chair: ChairSpec) -> ChairSpec:
+    return replace(chair, arms=True)
+
+
+def _can_have_a_pedestal(chair: ChairSpec) -> bool:
+    return chair.family == "four-leg" and chair.back in ("solid", "curved")
+
+
+def _with_a_pedestal(chair: ChairSpec) -> ChairSpec:
+    return replace(chair, family="pedestal", base="star-5", leg_m=0.05, apron=False)
+
+
+def _can_have_slats(chair: ChairSpec) -> bool:
+    return chair.back == "solid" and chair.family in ("four-leg", "sled")
+
+
+def _with_slats(chair: ChairSpec) -> ChairSpec:
+    return replace(chair, back="slatted", bars=4)
 
 
 CHANGES = (
-    Change(
-        "arms",
-        lambda s: (
-            not s.arms
-            and s.seat != "round"
-            and s.family in ("four-leg", "pedestal", "sled", "rocker")
-        ),
-        lambda s: replace(s, arms=True),
-        "arms, where there were none",
-    ),
-    # After the paper's first example: four legs against a single one on a star.
+    Change("arms", _can_have_arms, _with_arms, "arms, where there were none"),
+    # The paper's first example: four legs are exchanged for a single one on a star.
     Change(
         "pedestal",
-        lambda s: s.family == "four-leg" and s.back in ("solid", "curved"),
-        lambda s: replace(s, family="pedestal", base="star-5", leg_m=0.05, apron=False),
+        _can_have_a_pedestal,
+        _with_a_pedestal,
         "one column on a five-pointed star in place of four legs",
     ),
-    Change(
-        "slats",
-        lambda s: s.back == "solid" and s.family in ("four-leg", "sled"),
-        lambda s: replace(s, back="slatted", bars=4),
-        "four slats in place of a solid back",
-    ),
+    Change("slats", _can_have_slats, _with_slats, "four slats in place of a solid back"),
 )
 
 
@@ -91,7 +102,7 @@ class ChairPair:
 
     start: SpecifiedChair
     end: SpecifiedChair
-    change = ALL  # of no kind
+    change = ALL  # the name of the change, as a triple has it; pairs are of one kind
 
     @property
     def id(self) -> str:
@@ -110,15 +121,18 @@ def specified_chairs(split: Split, count: int) -> tuple[SpecifiedChair, ...]:
 def choose_pairs(
     chairs: Sequence[SpecifiedChair], rng: np.random.Generator
 ) -> tuple[ChairPair, ...]:
-    """Return all of an even number of chairs in pairs, none twice.
+    """Return an even number of chairs in pairs; each chair is in one pair.
 
-    The families of a pair differ, unless one family has more than half of the chairs.
+    The two chairs of a pair are of different families, unless one family has more than half of the
+    chairs. Raises ValueError for an odd number.
     """
     if len(chairs) % 2:
         raise ValueError(f"choose_pairs: {len(chairs)} chairs cannot be paired")
     shuffled = [chairs[i] for i in rng.permutation(len(chairs))]
-    ordered = sorted(shuffled, key=lambda chair: chair.spec.family)  # stable: shuffled within
-    # No family of at most half the chairs reaches from a place to that half the chairs further on.
+    # Sorting is stable, so that the chairs of a family stay in their random order.
+    ordered = sorted(shuffled, key=lambda chair: chair.spec.family)
+    # A chair is paired with the one half the list further on. A family with at most half of the
+    # chairs does not reach that far.
     half = len(ordered) // 2
     pairs = [ChairPair(a, b) for a, b in zip(ordered[:half], ordered[half:], strict=True)]
     return tuple(pairs[i] for i in rng.permutation(half))
@@ -127,9 +141,9 @@ def choose_pairs(
 def choose_triples(
     chairs: Sequence[SpecifiedChair], count: int, rng: np.random.Generator
 ) -> tuple[Triple, ...]:
-    """Return `count` triples, the changes in turn; no chair is B or C twice.
+    """Return `count` triples, which have the changes in turn; no chair is B or C twice.
 
-    Raises BadInput where too few chairs fit.
+    Raises BadInput where too few chairs can have a change.
     """
     left = [chairs[i] for i in rng.permutation(len(chairs))]
     triples = []
@@ -143,8 +157,7 @@ def choose_triples(
             )
         b, c = fitting
         left = [chair for chair in left if chair not in (b, c)]
-        a, d = (
-            SpecifiedChair(f"{chair.id}+{change.id}", change.apply(chair.spec)) for chair in (b, c)
-        )
+        a = SpecifiedChair(f"{b.id}+{change.id}", change.apply(b.spec))
+        d = SpecifiedChair(f"{c.id}+{change.id}", change.apply(c.spec))
         triples.append(Triple(change.id, a, b, c, d))
     return tuple(triples)

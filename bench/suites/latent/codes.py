@@ -37,8 +37,8 @@ from pc2pix.weights import load_decoder
 if TYPE_CHECKING:
     from matplotlib.figure import Figure
 
-Clouds = NDArray[np.float32]  # [N, 2048, 3], unit-sphere coordinates
-Measured = dict[str, dict[str, float]]  # values by metric, of each path or code
+Clouds = NDArray[np.float32]  # clouds [N, 2048, 3] in unit-sphere coordinates
+Measured = dict[str, dict[str, float]]  # for each path or code, its values by metric
 
 # --- figures --------------------------------------------------------------------------------------
 
@@ -52,13 +52,14 @@ class _StripTile(NamedTuple):
     truth: NDArray[np.uint8] | None = None
 
 
-_Strip = tuple[str, Sequence[_StripTile]]  # the label and the tiles of one path or sum
+_Strip = tuple[str, Sequence[_StripTile]]  # the row of one path or sum: its label and its tiles
 
 
 def strips_figure(strips: Sequence[_Strip], view: View, **size: Any) -> Figure:
-    """Return rows of clouds, images, and true images if any, for each strip.
+    """Return a figure with rows of clouds, images and, where there are any, true images.
 
-    All strips have the titles of the first; `size` is as of `image_sheet`.
+    The titles of columns are those of the first strip. `size` holds further arguments of
+    `image_sheet`.
     """
     rows = []
     for label, tiles in strips:
@@ -94,7 +95,7 @@ class LatentNetwork:
     view: View
 
     def encode(self, name: str, cloud: PointCloud) -> Tensor:
-        """Return the whitened code [1, d] of a cloud; `name` is for errors.
+        """Return the whitened code [1, d] of a cloud; `name` stands in error messages.
 
         Raises BadInput where the code is not finite.
         """
@@ -111,7 +112,7 @@ class LatentNetwork:
         Raises BadInput where an image is not finite.
         """
         with self._usable("draw"):
-            # One by one, so that an image does not depend on its neighbours.
+            # Drawn one by one, as the last bits of an image would depend on the others of a batch.
             drawn = [self.renderer.draw(code[None], [self.view]) for code in codes]
         return to_uint8(np.concatenate(drawn))
 
@@ -126,7 +127,7 @@ class LatentNetwork:
 
 
 def weights_of(method: str) -> str:
-    """Return the name or the path of a method's weights. Raises BadInput for one without codes."""
+    """Return the name or path of a method's weights. Raises BadInput for a method without codes."""
     chosen = find_method(method)
     if chosen.family != "pc2pix":
         raise BadInput(
@@ -157,9 +158,9 @@ def _sample_chair(
 
 
 def cloud_of(mesh: Mesh, chair: SpecifiedChair, seed: int) -> PointCloud:
-    """Return the 2,048 points that other suites take for the same chair and seed."""
+    """Return the 2,048 points that other suites sample for the same chair and seed."""
     sampled = sample_surface(mesh, generator(seed, "cloud", "chair", chair.id))
-    return PointCloud(sampled.points)  # without its mesh, which no method may see
+    return PointCloud(sampled.points)  # leaves out the mesh, which no method may see
 
 
 # --- paths ----------------------------------------------------------------------------------------
@@ -203,9 +204,9 @@ def walk(
     """Return the values of a path between two chairs with its baselines, and its strip."""
     chairs = (pair.start, pair.end)
     ends = [_sample_chair(chair, network.view, seed) for chair in chairs]
-    start, end = (
-        network.encode(chair.id, cloud) for chair, (cloud, _) in zip(chairs, ends, strict=True)
-    )
+    (start_cloud, _), (end_cloud, _) = ends
+    start = network.encode(pair.start.id, start_cloud)
+    end = network.encode(pair.end.id, end_cloud)
     line = interpolate(start, end, positions)
     clouds, images = network.decode(line), network.draw(line)
     true_clouds = np.stack([cloud.points for cloud, _ in ends])
@@ -214,18 +215,14 @@ def walk(
     random = torch.from_numpy(rng.standard_normal((2, start.shape[1])).astype(np.float32))
     first_code, last_code = random.to(start.device).split(1)
     random_line = interpolate(first_code, last_code, positions)
-    measured: Measured = {
-        CODE: _evenness(classifier, images)
-        | _cloud_path(clouds)
-        | {
-            "end-cloud": _chamfer_distances(clouds[[0, -1]], true_clouds).mean(),
-            "end-ssim": ssim_per_image(true_images, images[[0, -1]]).ssim.mean(),
-        },
-        FADE: _evenness(classifier, _cross_fade(images[0], images[-1], positions)),
-        NOISE: _evenness(classifier, network.draw(random_line))
-        | _cloud_path(network.decode(random_line)),
-        TRUTH: _confidence(classifier, true_images),
-    }
+    of_code = _evenness(classifier, images) | _cloud_path(clouds)
+    of_code["end-cloud"] = _chamfer_distances(clouds[[0, -1]], true_clouds).mean()
+    of_code["end-ssim"] = ssim_per_image(true_images, images[[0, -1]]).ssim.mean()
+    of_fade = _evenness(classifier, _cross_fade(images[0], images[-1], positions))
+    of_noise = _evenness(classifier, network.draw(random_line))
+    of_noise |= _cloud_path(network.decode(random_line))
+    of_truth = _confidence(classifier, true_images)
+    measured: Measured = {CODE: of_code, FADE: of_fade, NOISE: of_noise, TRUTH: of_truth}
     between = [
         _StripTile(f"{i}/{positions - 1}", cloud, image)
         for i, (cloud, image) in enumerate(zip(clouds, images, strict=True))
@@ -237,10 +234,8 @@ def walk(
 
 def _evenness(classifier: ViewsNetwork, images: UInt8Images) -> dict[str, float]:
     steps = image_steps(images)
-    return {
-        "picture-unevenness": unevenness(steps),
-        "picture-step": steps.mean(),
-    } | _confidence(classifier, images)
+    values = {"picture-unevenness": unevenness(steps), "picture-step": steps.mean()}
+    return values | _confidence(classifier, images)
 
 
 def _confidence(classifier: ViewsNetwork, images: UInt8Images) -> dict[str, float]:
@@ -251,14 +246,13 @@ def _confidence(classifier: ViewsNetwork, images: UInt8Images) -> dict[str, floa
 def _cloud_path(clouds: Clouds) -> dict[str, float]:
     steps = _chamfer_distances(clouds[:-1], clouds[1:])
     between = clouds[1:-1]
-    to_ends = [
-        _chamfer_distances(between, np.broadcast_to(end, between.shape)) for end in clouds[[0, -1]]
-    ]
+    to_first = _chamfer_distances(between, np.broadcast_to(clouds[0], between.shape))
+    to_last = _chamfer_distances(between, np.broadcast_to(clouds[-1], between.shape))
     return {
         "cloud-unevenness": unevenness(steps),
         "cloud-step": steps.mean(),
         "end-to-end": _chamfer_distances(clouds[:1], clouds[-1:])[0],
-        "to-nearer-end": np.minimum(*to_ends).mean(),
+        "to-nearer-end": np.minimum(to_first, to_last).mean(),
     }
 
 
@@ -295,24 +289,24 @@ def add_up(
     """Return the values of A - B + C with its baselines, and its strip; `train` is [N, d]."""
     chairs = (triple.a, triple.b, triple.c, triple.d)
     sampled = [_sample_chair(chair, network.view, seed) for chair in chairs]
-    a, b, c, d = (
+    a, b, c, d = [
         network.encode(chair.id, cloud) for chair, (cloud, _) in zip(chairs, sampled, strict=True)
-    )
+    ]
     total = add_difference(a, b, c)
     nearest = train[(train - total).square().sum(dim=1).argmin()][None]
     codes = {SUM: total, NOTHING: c, TRAIN: nearest, ANSWER: d}
     stacked = torch.cat(list(codes.values()))
     clouds, images = network.decode(stacked), network.draw(stacked)
-    (answer, true_image), count = sampled[-1], len(codes)
-    columns = {
+    answer, true_image = sampled[-1]  # of D
+    count = len(codes)
+    columns = {  # the values of all codes, by metric
         "cloud": _chamfer_distances(clouds, np.stack([answer.points] * count)),
         "ssim": ssim_per_image(np.stack([true_image] * count), images).ssim,
         "code": (stacked - d).square().mean(dim=1).sqrt().cpu().numpy(),
     }
-    measured: Measured = {
-        what: {metric: values[i] for metric, values in columns.items()}
-        for i, what in enumerate(codes)
-    }
+    measured: Measured = {}
+    for row, what in enumerate(codes):
+        measured[what] = {metric: values[row] for metric, values in columns.items()}
     floor = measured[NOTHING]
     for what in (SUM, TRAIN, ANSWER):
         measured[what]["cloud-gain"] = floor["cloud"] - measured[what]["cloud"]
@@ -360,8 +354,10 @@ def _chamfer_distances(a: Clouds, b: Clouds) -> Floats:
 
     It is the mean squared distance to the nearest neighbour, from a to b plus from b to a.
     """
-    pairs = zip(a, b, strict=True)
-    return np.array([float(chamfer(*(torch.tensor(c)[None] for c in pair))) for pair in pairs])
+    distances = []
+    for first, second in zip(a, b, strict=True):
+        distances.append(float(chamfer(torch.tensor(first)[None], torch.tensor(second)[None])))
+    return np.array(distances)
 
 
 def _cross_fade(start: NDArray[np.uint8], end: NDArray[np.uint8], positions: int) -> UInt8Images:

@@ -61,18 +61,18 @@ from data_prep.scene import View
 class _LatentSuite(Procedure):
     """Paths between codes and sums of codes of networks: pc2pix with any weights."""
 
-    pairs: int = 50  # of test chairs of different structural families, joined by a path
-    positions: int = 8  # on a path, its two ends included
+    pairs: int = 50  # pairs of test chairs of different structural families, joined by a path
+    positions: int = 8  # codes on a path, its two ends included
     triples: int = 60  # sums A - B + C, where A is B with one change
-    pool: int = 800  # test chairs that the triples are chosen from
-    neighbours: int = 500  # train chairs that the nearest to a sum is chosen from
-    shown: int = 5  # pairs and triples in the figures
+    pool: int = 800  # test chairs among which the triples are chosen
+    neighbours: int = 500  # train chairs among which the one nearest to a sum is looked for
+    shown: int = 5  # the number of pairs, and of triples, in the figures
 
 
 LATENT = _LatentSuite(**vars(suites.LATENT))
-VIEW = View(30.0, 20.0)  # from which all images are drawn
-VALUES = ["method", "what", "kind", "item", "metric", "value"]
-_Value = tuple[str, str, str, str, str, float]  # in the columns VALUES
+VIEW = View(30.0, 20.0)  # the view from which all images are drawn
+VALUES = ["method", "what", "kind", "item", "metric", "value"]  # the columns of tables of values
+_Value = tuple[str, str, str, str, str, float]  # a row of such a table
 _Item = TypeVar("_Item", ChairPair, Triple)
 
 
@@ -81,7 +81,7 @@ def run(
     suite: _LatentSuite = LATENT,
     environment: Callable[[], Mapping[str, str]] = environment,
 ) -> SuiteRun:
-    """Carry out the suite; `environment` describes the drivers that images depend on.
+    """Carry out the suite; `environment` returns the drivers that images depend on.
 
     Raises BadInput for options that the user has to fix.
     """
@@ -90,16 +90,17 @@ def run(
         suite,
         conditions="clouds have all their 2048 points",
         views="everything is seen from one fixed view",
-        **dict.fromkeys(("workers", "ray"), "it works in one process"),
+        workers="it works in one process",
+        ray="it works in one process",
     )
     dataset, seed = open_dataset(options.dataset), options.seed or 0
     if dataset.finite is not None or dataset.measured == "novel-families":
         raise BadInput(
             f"--dataset {options.dataset}: the suite {suite.id} chooses chairs by their "
-            "descriptions, which only procedural ones have; leave it"
+            "descriptions, which only procedural ones have; leave out --dataset"
         )
     for method in methods:
-        weights_of(method)
+        weights_of(method)  # raises BadInput for a method without codes
     chairs = specified_chairs(dataset.measured, max(suite.pool, 2 * suite.pairs))
     pairs = choose_pairs(chairs[: 2 * suite.pairs], generator(seed, "latent pairs"))
     rng = generator(seed, "latent triples")
@@ -107,18 +108,18 @@ def run(
     pairs, triples = pairs[: options.limit], triples[: options.limit]
     with library_threads(1):
         networks = [load_network(method, options.device, VIEW) for method in methods]
+        weights = {}
+        for network in networks:
+            weights[network.method] = {
+                "weights": network.renderer.weights.sha256,
+                "decoder": network.decoder_sha256,
+            }
         manifest = suite_manifest(
             replace(options, methods=methods, seed=seed),
             suite,
             1,
             environment(),
-            weights={
-                network.method: {
-                    "weights": network.renderer.weights.sha256,
-                    "decoder": network.decoder_sha256,
-                }
-                for network in networks
-            },
+            weights=weights,
             pairs=[pair.id for pair in pairs],
             triples=[triple.id for triple in triples],
         )
@@ -139,9 +140,9 @@ def _measure(
     path_values: list[_Value] = []
     sum_values: list[_Value] = []
     figures = {}
-    for place, network in enumerate(networks, 1):
-        # Each method has its figures; the names of the first have no number.
-        suffix = "" if place == 1 else f"-{place}"
+    for number, network in enumerate(networks, 1):
+        # Each method has its own figures. The names of the first method's have no number.
+        suffix = "" if number == 1 else f"-{number}"
         measure_path = partial(walk, network, classifier, seed=seed, positions=suite.positions)
         values, strips = _measure_each(f"paths, {network.method}", network, pairs, measure_path)
         path_values += values
@@ -151,7 +152,8 @@ def _measure(
         values, strips = _measure_each(f"sums, {network.method}", network, triples, measure_sum)
         sum_values += values
         figures[f"arithmetic{suffix}"] = strips_figure(strips[: suite.shown], VIEW)
-    paths, sums = (pd.DataFrame(values, columns=VALUES) for values in (path_values, sum_values))
+    paths = pd.DataFrame(path_values, columns=VALUES)
+    sums = pd.DataFrame(sum_values, columns=VALUES)
     tables = (
         latent_table(
             "latent_interpolation",
@@ -181,7 +183,7 @@ def _measure_each(
     items: Sequence[_Item],
     measure: Callable[[_Item], tuple[Mapping[str, Mapping[str, float]], Any]],
 ) -> tuple[list[_Value], list[Any]]:
-    """Return the values of all pairs or triples, in the columns VALUES, and a strip of each."""
+    """Return rows with the values of all pairs or triples, and a strip of images for each."""
     values: list[_Value] = []
     strips = []
     with progress(title, len(items)) as advance:
@@ -195,7 +197,7 @@ def _measure_each(
     return values, strips
 
 
-GROUP = ["method", "what", "kind", "metric"]
+GROUP = ["method", "what", "kind", "metric"]  # the columns in which the values of a mean agree
 
 
 def latent_table(
@@ -208,9 +210,9 @@ def latent_table(
 ) -> Table:
     """Return a table of means with the text that readers need.
 
-    about     text on each metric, by its id, in the order of the table
-    subjects  text on each `what`, by its id, in the order of the table
-    rows      of `means`
+    about     the text on each metric, by its id, in the order of the table
+    subjects  the text on each path or code ("what"), by its id, in the order of the table
+    rows      the means, as `means` returns them
     """
 
     def cell(row: Any) -> Cell:
@@ -230,27 +232,39 @@ def latent_table(
                 yield f"## {subject} (n = {chosen['n'].max()})"
                 shown = {*chosen["what"]}
                 across = [subject for subject in subjects if subject in shown]
-                axes: dict[str, Any] = {"lines": about, "columns": across, "missing": Cell("")}
-                yield pivot(chosen, "metric", "what", cell, **axes)
+                yield pivot(
+                    chosen,
+                    "metric",
+                    "what",
+                    cell,
+                    lines=about,
+                    columns=across,
+                    missing=Cell(""),
+                )
         yield "\n".join(f"* {metric}: {message}" for metric, message in about.items())
 
     return Table(name, title, rows, layout, digits=".6g")
 
 
 def means(suite: str, values: pd.DataFrame) -> pd.DataFrame:
-    """Return means with 95 % intervals over pairs or triples; `n_ok` of `n` have a value.
+    """Return means over pairs or triples, with 95 % intervals.
 
-    A row for each method, subject, kind and metric, in the order of first values; values of several
-    kinds are also averaged over all of them, in the first rows.
+    The frame has a row for each method, path or code, kind and metric, in the order of their first
+    values. Its first rows are means over all kinds. `n` counts the pairs or triples, and `n_ok`
+    those whose value is defined.
 
-    values  method; `what`, the path or the code that is compared with the right answer; `kind`, the
-            change of a triple or ALL; `item`, the pair or triple; metric; value, NaN where it is
-            undefined, as for a path without any move
+    values  a frame with the columns VALUES: the method; `what`, the path, or the code that is
+            compared with the right answer; `kind`, the change of a triple, or ALL; `item`, the pair
+            or triple; the metric; the value, NaN where it is undefined, as for a path without any
+            move
     """
     both = pd.concat([values.assign(kind=ALL), values[values["kind"] != ALL]])
     rows = []
     for key, group in both.groupby(GROUP, sort=False)["value"]:
         finite = group.dropna().to_numpy()
-        mean = float(finite.mean()) if len(finite) else np.nan
-        rows.append((suite, *key, mean, *mean_interval(finite), len(finite), len(group)))
+        low, high = mean_interval(finite)
+        row = {"suite": suite, **dict(zip(GROUP, key, strict=True))}
+        row["value"] = float(finite.mean()) if len(finite) else np.nan
+        row |= {"ci_low": low, "ci_high": high, "n_ok": len(finite), "n": len(group)}
+        rows.append(row)
     return pd.DataFrame(rows, columns=["suite", *GROUP, "value", "ci_low", "ci_high", "n_ok", "n"])

@@ -9,7 +9,7 @@ from data_prep.clouds.extremes import extreme
 from data_prep.scene import View
 
 VIEWS = (View(30.0, 20.0), View(-60.0, -10.0), View(120.0, 35.0), View(-150.0, 0.0))
-TURN_DEG = 75.0
+TURN_DEG = 75.0  # the angle of the case "turned": no multiple of the angles between the views
 
 
 @dataclass(frozen=True)
@@ -20,12 +20,12 @@ class Case:
     group: str  # kind of extreme; the cases of a group follow each other
     about: str  # the input in words
     perturbation: Perturbation
-    # The case whose images these should be, view by view, from the first again where this case has
-    # more views: a metamorphic check.
+    # The case that should have the same images, view by view: a metamorphic check. Where this case
+    # has more views, they are compared with that case's views from the first one again.
     like: str | None = None
     views: tuple[View, ...] = VIEWS
     batch: int | None = None  # views drawn in one call; None draws all at once
-    repetitions: int = 1  # clouds that the perturbation makes, with other random numbers each
+    repetitions: int = 1  # the number of clouds, each perturbed with other random numbers
 
     @property
     def conditions(self) -> tuple[str, ...]:

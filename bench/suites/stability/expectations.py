@@ -1,10 +1,11 @@
 """Expected outcomes of each method on each case of the suite `stability`.
 
-`expectations.csv` has what is not plainly expected of a method: images of every case, and the same
-images as those of the plain cloud where the case says so.
+By default a method is expected to draw images of every case, and where the case names another one
+(`Case.like`), the same images as of that. `expectations.csv` states the exceptions.
 
-A method without a statement, which is one of another package, may draw any image and may fail with
-any name; an exception of Python, a crash, a time or memory limit is never expected of it.
+Of a method that the file does not mention, such as one of another package, any image is accepted,
+and any failure that names a stage of the method. An exception of Python, a crash, and an exceeded
+limit of time or memory are never accepted of it.
 """
 
 from __future__ import annotations
@@ -18,7 +19,8 @@ from typing import Literal
 from bench.suites.stability.cases import Case
 
 Kind = Literal["holds", "refused", "differs", "contained", "unexpected"]
-KINDS: dict[Kind, str] = {  # with their meanings, which the tables print
+# The kinds of outcomes with their meanings, which the tables print.
+KINDS: dict[Kind, str] = {
     "holds": "the stated value or invariant",
     "refused": "a named failure, as stated",
     "differs": "the invariant does not hold, as stated",
@@ -27,23 +29,29 @@ KINDS: dict[Kind, str] = {  # with their meanings, which the tables print
 }
 
 
-# Tolerance of an agreement of exactly the same inputs: float32 sums in another order differ by some
-# 1e-6, which now and then takes a pixel over the edge between two grey levels.
+# By how much, in grey levels 0..255, images of exactly the same inputs may differ, in the mean over
+# all pixels and at most: float32 sums in another order differ by some 1e-6, which now and then
+# takes a pixel over the edge between two grey levels.
 EXACT_MEAN, EXACT_MOST = 0.01, 1
-# The input is rounded, to 11 bits (float16) or to a thousandth of the radius. A point moves by up
-# to 5e-4, which is 0.03 px; measured means were 0.004 to 0.4 grey levels.
+# The same in the mean where the input is rounded, to 11 bits (float16) or to a thousandth of the
+# radius. A point moves by up to 5e-4, which is 0.03 px; means of 0.004 to 0.4 were measured.
 ROUNDED_MEAN = 1.0
+# The cases whose input is rounded.
 ROUNDED = ("float16", "millimetres")
 
 
 @dataclass(frozen=True)
 class Draws:
-    """The expectation of images of the right shape, finite, none of one colour throughout."""
+    """The expectation of finite images of the right shape that are not of one colour."""
 
 
 @dataclass(frozen=True)
 class Agrees:
-    """The expectation of the images of the case's `like`, to within grey levels 0..255."""
+    """The expectation of the same images as of the case that is named as `like`.
+
+    mean  the largest mean difference over all pixels, in grey levels 0..255
+    most  the largest difference of a pixel, in grey levels; None for any
+    """
 
     mean: float
     most: int | None = None
@@ -51,7 +59,11 @@ class Agrees:
 
 @dataclass(frozen=True)
 class Changes:
-    """The expectation of images that differ from the case's `like`, against intuition."""
+    """The expectation of other images than of the case named as `like`, against intuition.
+
+    mean  the mean difference over all pixels that is exceeded, in grey levels 0..255
+    why   the reason in words
+    """
 
     mean: float
     why: str
@@ -67,7 +79,7 @@ class Fails:
 
 @dataclass(frozen=True)
 class Either:
-    """The expectation of one of several, decided by rounding or the machine's speed."""
+    """The expectation of one of several outcomes: rounding or the machine's speed decides which."""
 
     options: tuple[Expectation, ...]
     why: str
@@ -75,7 +87,7 @@ class Either:
 
 @dataclass(frozen=True)
 class NoExpectation:
-    """The expectation of any image, or any failure with a name."""
+    """The expectation of any image, or of any failure that names a stage."""
 
 
 Expectation = Draws | Agrees | Changes | Fails | Either | NoExpectation
@@ -84,7 +96,10 @@ _FILE = Path(__file__).with_name("expectations.csv")
 
 
 def _alternative(word: str, row: Mapping[str, str], reason: str) -> Expectation:
-    """Return one expectation of a row of the file; `reason` is its own part of that column."""
+    """Return the expectation that `word` names in a row of the file.
+
+    reason  the part of the row's column "reason" that belongs to this word
+    """
     match word:
         case "images":
             return Draws()
@@ -101,7 +116,7 @@ def _alternative(word: str, row: Mapping[str, str], reason: str) -> Expectation:
 
 
 def _stated(row: Mapping[str, str]) -> Expectation:
-    """Return the expectation of a row: one, or several of which any may come."""
+    """Return the expectation of a row; where it has several words, any of them is accepted."""
     words = row["expected"].split(" or ")
     reasons = iter(row["reason"].split(" | "))
     with_reason = ("changes", "fails", "contained")
@@ -114,16 +129,18 @@ def _stated(row: Mapping[str, str]) -> Expectation:
 def _read_expectations() -> dict[str, dict[str, Expectation]]:
     """Return the expectations of `expectations.csv`, by method and case.
 
-    A row is of several methods and cases, with spaces between; a method without exceptions has a
-    row without cases. Its columns:
+    A row is about one or several methods and cases, separated by spaces. A method without
+    exceptions has a row without cases. The other columns:
 
     expected      `images`, `agrees`, `changes`, `fails`, `contained` (see `KINDS`), or several of
                   these with " or " between
-    mean_change   of `agrees` the largest, of `changes` the smallest mean difference, grey levels
-    most_change   of `agrees` the largest difference of a pixel, grey levels; empty: any
-    reason        of `fails` and `contained` a regular expression, of `changes` why; " | " between
-                  those of several
-    remark        why several are expected; of others a remark for readers, which nothing prints
+    mean_change   the mean difference in grey levels: for `agrees` the largest that is accepted, for
+                  `changes` one that has to be exceeded
+    most_change   for `agrees` the largest accepted difference of a pixel in grey levels; empty for
+                  any
+    reason        for `fails` and `contained` a regular expression that the reason of the failure
+                  has to match, for `changes` an explanation; of several words separated by " | "
+    remark        why several outcomes are accepted; in other rows a remark that nothing prints
     """
     expected: dict[str, dict[str, Expectation]] = {}
     with _FILE.open(encoding="utf-8", newline="") as file:
@@ -137,7 +154,7 @@ def _read_expectations() -> dict[str, dict[str, Expectation]]:
     return expected
 
 
-# By method, its cases that are not simply drawn, or do not simply agree.
+# For each method its exceptions from the default expectation, by case.
 EXPECTED: Mapping[str, Mapping[str, Expectation]] = _read_expectations()
 
 

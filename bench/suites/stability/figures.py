@@ -17,7 +17,8 @@ from data_prep.scene import IMAGE_SIZE
 if TYPE_CHECKING:
     from matplotlib.figure import Figure
 
-# Kinds differ in lightness and letter, too: not everybody sees colours.
+# The colour and the letter of each kind of outcome. Kinds differ in lightness and letter, too, as
+# not everybody sees colours.
 COLOURS = {
     "holds": ("#cfe8cf", ""),
     "refused": ("#f5e6a3", "r"),
@@ -25,14 +26,17 @@ COLOURS = {
     "contained": ("#9db7de", "c"),
     "unexpected": ("#8f1d2c", "!"),
 }
-_ROW_IN, _COLUMN_IN = 0.17, 0.55  # size of a square of the matrix, inches
-ACROSS = 12  # images of cases side by side; the others stand below
-MISSING = 225  # grey level, 0..255, of the square in place of an image that is not there
+_ROW_IN, _COLUMN_IN = 0.17, 0.55  # height and width of a rectangle of the matrix, in inches
+ACROSS = 12  # images side by side in the figure of extremes; further cases stand below
+MISSING = 225  # grey level, 0..255, of the square that stands for a missing image
 
 
 @drawing()
 def matrix_figure(outcomes: pd.DataFrame, title: str) -> Figure:
-    """Return cases down and methods across, coloured by kind; white for no case."""
+    """Return a matrix with a row for each case and a column for each method, coloured by outcome.
+
+    A rectangle stays white where the method was not tried on the case.
+    """
     from matplotlib import patches
 
     methods = ordered(outcomes["subject"])
@@ -70,7 +74,9 @@ def extremes_figure(
     methods: Sequence[str],
     images: Mapping[tuple[str, str], NDArray[np.uint8]],
 ) -> Figure:
-    """Return the first view of every case (across) and method (down); grey for no image.
+    """Return images from the first view, with a column for each case and a row for each method.
+
+    A grey square stands for a missing image.
 
     images  uint8 [IMAGE_SIZE, IMAGE_SIZE, 3] by case and method
     """

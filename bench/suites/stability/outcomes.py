@@ -46,27 +46,31 @@ class Observation(NamedTuple):
     case: str
     method: str
     reason: str  # why the method drew no images; empty where it drew them
-    notes: str  # repairs by the method on its way
+    notes: str  # what the method says that it did to the points, such as leaving some out
     shown: float | None = None  # share of the pixels that are not white; None without images
-    # Absolute differences to the images of the case's `like`, in grey levels 0..255; None without
-    # `like`, or without images of either.
+    # The absolute differences between these images and those of the case named as `like`, in grey
+    # levels 0..255: their mean and their maximum. None where the case names none, or where images
+    # of either case are missing.
     mean_change: float | None = None
     most_change: int | None = None
-    prepare_s: float | None = None  # as in a record
-    draw_s: float | None = None
-    # Largest changes of the score against the true images, mean over the views, in a repetition of
-    # the case; None without repetitions.
+    prepare_s: float | None = None  # seconds for preparing the cloud
+    draw_s: float | None = None  # seconds for drawing all views
+    # By how much the scores against the true images, means over the views, change at most in a
+    # repetition of the case; None for cases without repetitions.
     ssim_change: float | None = None
     lpips_change: float | None = None
 
 
 def observe(jobs: Sequence[Job], store: Store) -> list[Observation]:
-    """Return an observation for each method and case, in their order; the store has all jobs."""
+    """Return an observation for each method and case, in the order of the jobs.
+
+    The store has to hold the results of all jobs.
+    """
     case_of = {condition: case for case in CASES for condition in case.conditions}
     repetitions: dict[tuple[str, str], list[Job]] = {}
     for job in jobs:
         repetitions.setdefault((job.method, case_of[job.condition].id), []).append(job)
-    # The first failure of several stands for them.
+    # Of the repetitions of a case the first that failed stands for all, or else the first one.
     records = {
         key: min((store.result(job.key) for job in group), key=lambda r: r.has_images)
         for key, group in repetitions.items()
@@ -100,7 +104,10 @@ def _images(jobs: Sequence[Job], store: Store) -> UInt8Images:
 
 
 def _score_changes(job: Job, like: UInt8Images, images: UInt8Images) -> dict[str, float]:
-    """Return the largest changes of SSIM and LPIPS from `like`; no LPIPS without its package."""
+    """Return by how much SSIM and LPIPS of repetitions differ at most from those of `like`.
+
+    LPIPS is left out where its weights are not installed.
+    """
     from bench.metrics.lpips_network import lpips  # imports torch
 
     drawn = np.concatenate([like, images])
@@ -178,13 +185,17 @@ def _observed_in_words(observed: Observation) -> str:
 
 
 NAME, TITLE = "stability_methods", "Methods at the extremes"
-# Of a cell of the matrix: the case and its group, such as "outlier"; the method; both in words; the
-# verdict, see `KINDS`. The cases of a group follow each other.
+# The columns of the matrix's frame, which has a row for each case and method: the case and its
+# group, such as "outlier"; the method; the expected and the observed outcome in words; the kind of
+# the outcome, see `KINDS`. The cases of a group follow each other.
 COLUMNS = ["case", "group", "subject", "expected", "observed", "kind"]
 
 
 def matrix(remark: str, outcomes: pd.DataFrame) -> Table:
-    """Return outcomes, a row each; for people `remark`, counts by kind, expected and observed."""
+    """Return the table of outcomes.
+
+    Its CSV has a row for each outcome; its Markdown begins with `remark` and counts by kind.
+    """
     return Table(NAME, TITLE, outcomes, partial(_layout, remark))
 
 
@@ -205,14 +216,16 @@ def _layout(remark: str, outcomes: pd.DataFrame) -> Iterator[Block]:
 
 def unexpected(outcomes: pd.DataFrame) -> list[str]:
     """Return a line for each outcome that is none of the expected ones."""
-    rows = outcomes[outcomes["kind"] == "unexpected"].itertuples()
-    return [f"{o.subject}, {o.case}: {o.observed}; stated was: {o.expected}" for o in rows]
+    lines = []
+    for row in outcomes[outcomes["kind"] == "unexpected"].itertuples():
+        lines.append(f"{row.subject}, {row.case}: {row.observed}; stated was: {row.expected}")
+    return lines
 
 
 def read_outcomes(folder: Path) -> pd.DataFrame:
     """Return the outcomes of the matrix that a run has left in its folder of tables.
 
-    Raises BadInput for a folder without it, and for a file that is none.
+    Raises BadInput for a folder without the matrix, and for a file that is no such matrix.
     """
     path = folder / f"{NAME}.csv"
     if not path.is_file():

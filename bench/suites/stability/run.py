@@ -33,7 +33,8 @@ from bench.tables.table import Table
 from data_prep.datasets.registry import ProceduralObject
 from data_prep.failures import BadInput
 
-# Of one method on one case: ball pivoting of 100,000 points takes minutes, and is to be ended.
+# The limits of one method on one case. Ball pivoting of 100,000 points takes minutes, which no run
+# should wait for: it is expected to exceed them.
 LIMITS = Limits(time_s=60.0, memory_gib=4.0)
 
 
@@ -41,14 +42,14 @@ LIMITS = Limits(time_s=60.0, memory_gib=4.0)
 class _StabilitySuite(Procedure):
     """A suite of extreme inputs with expected outcomes of methods."""
 
-    class_name: str = "chair"  # of the one procedural test object
-    index: int = 0
-    limits: Limits = LIMITS  # of a method on a case
+    class_name: str = "chair"  # the class of the one procedural object that all cases are made of
+    index: int = 0  # the number of that object in the split "test"
+    limits: Limits = LIMITS  # time and memory for a method on a case
 
 
 STABILITY = _StabilitySuite(**vars(suites.STABILITY))
-# A part of the jobs' keys. Increase it with a change of the code of `data_prep.clouds.extremes`
-# that gives a case other points: then stored images of the old points are not taken for new ones.
+# A part of the jobs' keys. Increase it when a change in `data_prep.clouds.extremes` gives a case
+# other points, so that stored images of the old points are not taken for those of the new ones.
 _CASES_VERSION = 1
 
 
@@ -67,13 +68,19 @@ def _stability_jobs(
     jobs = []
     for method in methods:
         common = [
-            *(suite.id, RECORDS_VERSION, _CASES_VERSION, obj.fingerprint(), seed, method),
-            *(sorted(environment.items()), method_identity(find_method(method), device)),
+            suite.id,
+            RECORDS_VERSION,
+            _CASES_VERSION,
+            obj.fingerprint(),
+            seed,
+            method,
+            sorted(environment.items()),
+            method_identity(find_method(method), device),
         ]
         for case in CASES:
             views = [[view.azimuth_deg, view.elevation_deg] for view in case.views]
             for condition in case.conditions:
-                # The key has the condition, too, as random numbers are drawn by it.
+                # The condition is in the key, too, as it seeds the random numbers of the case.
                 key = digest([*common, condition, repr(case.perturbation), views, case.batch])
                 jobs.append(
                     Job(
@@ -104,12 +111,13 @@ def run(options: Options, suite: _StabilitySuite = STABILITY) -> SuiteRun:
         suite,
         conditions="its cases take their place",
         views="each case has its own",
-        **dict.fromkeys(("limit", "ray"), "all cases are taken of one object"),
+        limit="all cases are taken of one object",
+        ray="all cases are taken of one object",
     )
     if options.dataset != "procedural":
         raise BadInput(
             f"--dataset {options.dataset}: the suite {suite.id} states what happens to one "
-            "procedural object; leave it"
+            "procedural object; leave out --dataset"
         )
     options = replace(options, methods=methods)
     workers, machine = options.workers or cores(), environment()
@@ -134,7 +142,7 @@ def _draw_all(
     workers: int,
     store: Store,
 ) -> SuiteRun:
-    """Do the jobs that the store does not have, and return the verdicts on all."""
+    """Do the jobs whose results are not in the store, and return the outcomes of all jobs."""
     pool = partial(JobPool, limits=suite.limits, workers=workers)
     results = run_jobs(jobs, store, suite.id, pool)
     store.list_jobs((job.key, job.name) for job in jobs)
