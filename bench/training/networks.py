@@ -1,6 +1,6 @@
 """The trainings of the networks that draw, by name.
 
-Each goes on with the training that is in its folder.
+A training continues an earlier one of the same kind that is in its folder.
 """
 
 from __future__ import annotations
@@ -28,18 +28,21 @@ _TRAININGS = {
 
 
 def train(name: str, options: Any) -> Path:
-    """Train a network with options of `bench.training.options.OPTIONS`; return its file.
+    """Train a network, and return the file of its weights.
 
-    That is the file of exported weights; of the autoencoder it is the checkpoint, and of a decoder
-    it stands beside the weights that it belongs to. Beside those of splat-net and fused-net in
-    colour stand those in grey; fused-net with no steps returns the folder of its maps.
+    name     the name of the training, a key of `bench.training.options.OPTIONS`
+    options  an instance of the class that OPTIONS has for it
 
-    Raises BadInput for options that no training can have, before data are made.
+    The autoencoder's file is its checkpoint, and a decoder's stands beside the weights of its
+    encoder. Splat-net and fused-net also write weights that draw in grey, beside those in colour.
+    Fused-net with 0 steps returns the folder of the maps that it would learn from.
+
+    Raises BadInput for options that no training can have, before any data are made.
     """
     for option, least in (("steps", 0 if name == "fused-net" else 1), ("batch", 1)):
         check_least(option, getattr(options, option), least)
     if options.threads is not None:
         torch.set_num_threads(options.threads)
-    prepare_device(options.device)  # data take minutes: refuse before them
+    prepare_device(options.device)  # refuses a missing GPU now: making the data takes minutes
     with data_in_time(options.limit, options.out):
         return _TRAININGS[name](options)

@@ -1,6 +1,6 @@
-"""The options of the trainings by name; their defaults are those of the configurations.
+"""The options of each training; their defaults are those of the networks' configurations.
 
-Neither loads PyTorch: help does not need it.
+Neither this module nor the configurations import PyTorch, so that the help stays quick.
 """
 
 from __future__ import annotations
@@ -16,17 +16,24 @@ from baselines.upsampler.config import UpsamplerTrainingConfig
 from learning.configuration import TimeLimit
 from pc2pix.training_configs import AutoencoderConfig, DecoderConfig, GanConfig
 
+# The number of procedural objects of each class that are trained on by default.
 DEFAULT_OBJECTS = 1500
 
 
 @dataclass(frozen=True, kw_only=True)
 class TrainingOptions:
-    """The options that trainings share and their configurations have not.
+    """The options that all trainings have, but not the configurations of the networks.
 
-    classes  to train on; empty: all of the dataset
-    objects  of each class; None: DEFAULT_OBJECTS, or all of a dataset with an end
-    threads  of torch on the CPU; None: its choice
-    limit    the time for the whole command; None: none
+    dataset    the dataset, as --dataset of `bench run` takes it
+    classes    the classes to train on; empty for all of the dataset
+    objects    the number of objects of each class; None for all of a dataset with files, and
+               DEFAULT_OBJECTS of one that makes its objects
+    views      the number of images of each object
+    precision  the number format of the training step
+    device     "auto", "cpu" or "cuda"
+    threads    the number of PyTorch's threads on the CPU; None for PyTorch's choice
+    limit      the time for the whole command; None for no limit
+    out        the folder of the training
     """
 
     dataset: str = "procedural"
@@ -41,9 +48,11 @@ class TrainingOptions:
 
 
 def _options_of(name: str, config: type[Any], **further: tuple[Any, Any]) -> type[Any]:
-    """Return TrainingOptions with the numbers, words and flags of a configuration, and more.
+    """Return a subclass of TrainingOptions with the options of one training.
 
-    further  type and default by name
+    config   the configuration of the network: its fields that hold a number, a text or a flag
+             become options
+    further  type and default of each further option, by its name
     """
     shared = {
         field.name: (type(field.default), field.default)
@@ -60,7 +69,9 @@ def _options_of(name: str, config: type[Any], **further: tuple[Any, Any]) -> typ
     )
 
 
-_START = (str | None, None)  # weights, or random ones
+# The type and default of --start: the weights to start from, or None for random ones.
+_START = (str | None, None)
+# For each training the class of its options.
 OPTIONS: dict[str, type[Any]] = {
     "autoencoder": _options_of(
         "autoencoder",
@@ -69,7 +80,8 @@ OPTIONS: dict[str, type[Any]] = {
         encoder=(Literal["paper", "pointnet"], "paper"),
         latent_dim=(int, 32),
     ),
-    # the autoencoder, or the weights in its place, set the sizes
+    # The GAN has no options for sizes: they are those of the autoencoder, or of the weights in its
+    # place.
     "gan": _options_of(
         "gan",
         GanConfig,
@@ -77,11 +89,11 @@ OPTIONS: dict[str, type[Any]] = {
         azimuth=(Literal["scalar", "sine-cosine"], "scalar"),
         start=_START,
     ),
-    # points2pix has a colour for each pixel always
+    # The option colours does not matter to points2pix, which always has a colour for each pixel.
     "splat-net": _options_of(
         "splat-net",
         SplatNetConfig,
-        network=(str, "default"),  # a key of `baselines.splat_net.network.NETWORKS`
+        network=(str, "default"),  # a key of baselines.splat_net.network.NETWORKS
         start=_START,
         colours=(Literal["image", "pixel"], "image"),
     ),

@@ -1,4 +1,4 @@
-"""What all trainings of networks share: objects, configuration, time limit, how one is run."""
+"""What all trainings share: their objects, configuration and time limit, and how they are run."""
 
 from __future__ import annotations
 
@@ -23,22 +23,22 @@ from learning.trainer import CooledTrainer, NetworkTrainer
 from learning.training_loop import StepReport
 
 Config = TypeVar("Config")
-# A step's batch of these kinds of trainings is images; of all others it is clouds.
+# The kinds of trainings whose batches are counted in images; all others count clouds.
 _TRAINED_ON_IMAGES = ("gan", "splat-net", "fused-net")
 
 
 @contextmanager
 def data_in_time(limit: TimeLimit | None, out: Path) -> Iterator[None]:
-    """Raise BadInput inside, where the time is over before the first step.
+    """Return a context that raises BadInput where the time is over before the first step.
 
-    The data are being made then: they are interrupted as by Ctrl-C, which leaves no half-written
-    file. `run_training` ends this watch, for its steps look at the clock themselves.
+    Until then the data are being made. That is interrupted as by Ctrl-C, which leaves no
+    half-written file. `run_training` ends this watch, as its steps look at the clock themselves.
     """
     if limit is None:
         yield
         return
     before = signal.signal(signal.SIGALRM, signal.default_int_handler)
-    # again and again: packages that are being imported may swallow an exception
+    # The alarm repeats every second: a package that is being imported may swallow the exception.
     signal.setitimer(signal.ITIMER_REAL, max(limit.left_s(), 1e-3), 1.0)
     try:
         yield
@@ -46,8 +46,8 @@ def data_in_time(limit: TimeLimit | None, out: Path) -> Iterator[None]:
         if limit.left_s() > 0:
             raise
         raise BadInput(
-            f"--for {limit.text}: over before the first step, while the data were made; what {out} "
-            "has is kept; give more time, or fewer --objects"
+            f"--for {limit.text}: over before the first step, while the data were being made; "
+            f"what {out} has is kept; give more time, or fewer --objects"
         ) from None
     finally:
         signal.setitimer(signal.ITIMER_REAL, 0)
@@ -66,18 +66,19 @@ def run_training(
     """Train a network and return its checkpoint, with progress on stderr.
 
     kind     the class of the trainer
-    learned  what is learned from (see `learning.trainer.NetworkTrainer`)
-    objects  of which the data were made: they name the data on any machine
-    also     checksum of a file that had a part in the data; "" where none had
-    further  what the trainer takes beside
+    learned  the data that are learned from (see `learning.trainer.NetworkTrainer`)
+    objects  the objects that the data were made of; their fingerprints identify the data on any
+             machine
+    also     the checksum of a file that the data were made with; "" where there is none
+    further  further arguments of the trainer
 
-    Says on stderr where a time limit has ended the training before its last step.
+    A line on stderr says where a time limit has ended the training before its last step.
     """
     fingerprints = [obj.fingerprint() for obj in objects]
     made_of = repr((*fingerprints, options.views, also))
     last_report: StepReport | None = None
     if options.limit is not None:
-        signal.setitimer(signal.ITIMER_REAL, 0)  # from here on steps watch the clock
+        signal.setitimer(signal.ITIMER_REAL, 0)  # ends `data_in_time`: the steps watch the clock
     with step_progress(kind.kind, quiet=not is_first()) as show:
 
         def on_progress(report: StepReport) -> None:
@@ -102,7 +103,7 @@ def run_training(
 
 
 def _ended_early(kind: type[NetworkTrainer], config: Any, options: Any, reached: StepReport) -> str:
-    """Return the line about a training that its time limit has ended."""
+    """Return a line that says how far a training has come that its time limit has ended."""
     what = "images" if kind.kind in _TRAINED_ON_IMAGES else "clouds"
     pace = f" ({reached.images_per_s:.1f}/s)" if reached.images_per_s else ""
     seen = f"{reached.images:,} {what}{pace}"
@@ -120,14 +121,12 @@ def _ended_early(kind: type[NetworkTrainer], config: Any, options: Any, reached:
 def open_training_objects(options: Any) -> tuple[SceneObject, ...]:
     """Return the objects to train on, class by class. Raises BadInput where there are none."""
     dataset = open_dataset(options.dataset)
-    objects = tuple(
-        obj
-        for name in options.classes or dataset.classes or ("",)  # a folder may have no classes
-        for obj in dataset.objects(name, options.objects, DEFAULT_OBJECTS, "train")
-    )
+    objects: list[SceneObject] = []
+    for name in options.classes or dataset.classes or ("",):  # a folder may have no classes
+        objects += dataset.objects(name, options.objects, DEFAULT_OBJECTS, "train")
     if not objects:
         raise BadInput(f"--objects {options.objects}: must be at least 1")
-    return objects
+    return tuple(objects)
 
 
 def check_least(option: str, value: int, least: int) -> None:
@@ -137,22 +136,26 @@ def check_least(option: str, value: int, least: int) -> None:
 
 
 def data_processes() -> dict[str, Any]:
-    """Return the arguments of functions that make data: how many processes, and whether silent.
+    """Return the arguments `workers` and `quiet` of functions that make data.
 
-    There are as many processes as PyTorch has threads, which have nothing to do meanwhile.
+    There are as many worker processes as PyTorch has threads, as these have nothing to do
+    meanwhile. Only the first process of a training shows the progress.
     """
     return {"quiet": not is_first(), "workers": torch.get_num_threads()}
 
 
 def exported(checkpoint: Path, weights: Path, write: Callable[[Path, Path], str]) -> Path:
-    """Write the weights of a checkpoint, by one of several processes, and return their file."""
+    """Write the weights of a checkpoint and return their file.
+
+    Where several processes train together, the first one writes it.
+    """
     if is_first():
         write(checkpoint, weights)
     return weights
 
 
 def configuration(kind: Callable[..., Config], options: Any, **further: Any) -> Config:
-    """Return a configuration: its fields are `further`, and those that the options have, too."""
+    """Return a configuration whose fields come from `further`, and else from the options."""
     names = {field.name for field in fields(kind)}  # type: ignore[arg-type]
     shared = {name: value for name, value in vars(options).items() if name in names}
     return kind(**shared | further)

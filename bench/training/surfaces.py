@@ -36,7 +36,10 @@ def train_upsampler(options: Any) -> Path:
     """Train the up-sampler and return the file of its weights."""
     objects = open_training_objects(options)
     if len(objects) < 2:
-        raise BadInput("1 object: give at least 2, for one is held out to validate; see --objects")
+        raise BadInput(
+            "1 object: at least 2 are needed, as one is held out for validation; give more with "
+            "--objects"
+        )
     data = upsampler_set(objects, quiet=not is_first())
     config = configuration(UpsamplerTrainingConfig, options)
     checkpoint = run_training(UpsamplerTrainer, data, config, options, objects)
