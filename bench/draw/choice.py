@@ -1,4 +1,4 @@
-"""The choice of the method that draws a user's cloud, and what is to be known of it."""
+"""The choice of the method that draws a user's cloud, and notes that its user should read."""
 
 from __future__ import annotations
 
@@ -9,22 +9,26 @@ from bench.catalogue.methods import RECOMMENDED, RECOMMENDED_IN_COLOUR, Method, 
 from data_prep.failures import BadInput
 
 COLOUR_METHOD = "splat"  # the only method that draws points in the colours of their file
-Notes = tuple[str, ...]  # a line each, on what is left out of a file and what a method did to it
+# Lines for the user, on what is left out of a file, and on what a method did to the points.
+Notes = tuple[str, ...]
 
 
 def find_drawer(method_id: str) -> Method:
-    """Return the method. Raises BadInput as `find_method`, and for one that draws meshes alone."""
+    """Return the method of this id.
+
+    Raises BadInput as `find_method` does, and for a method that draws the mesh behind a cloud.
+    """
     method = find_method(method_id)
     if method.sees_mesh:
         raise BadInput(
             f"method '{method_id}' draws the mesh behind a cloud, and bare points have none; "
-            "take another"
+            "give another method"
         )
     return method
 
 
 def check_draws_colours(method_id: str) -> None:
-    """Raise BadInput for a method that does not draw the colours of points."""
+    """Raise BadInput for a method that cannot draw points in the colours of their file."""
     if method_id != COLOUR_METHOD:
         raise BadInput(
             f"method '{method_id}' does not draw the colours of a file; give "
@@ -49,11 +53,15 @@ def notes_on_size(methods: Sequence[str], size: int) -> Notes:
 def methods_to_draw(
     methods: Sequence[str], in_colour: bool = False, budget_ms: float | None = None
 ) -> tuple[str, ...]:
-    """Return the methods, each once, or the one that is meant where none is named.
+    """Return the methods, each once; where none is named, the one to choose.
 
-    That is one within the budget, or the recommended one for an unknown object, in colours that a
-    network makes up or in grey. Raises BadInput for wishes that exclude each other, and for a
-    budget that no method meets.
+    That is the best one within the budget; without a budget it is the recommended method for
+    objects of any class.
+
+    in_colour  whether the method has to draw in colours, which a network makes up, instead of grey
+    budget_ms  the most milliseconds for an image, or None
+
+    Raises BadInput for arguments that exclude each other, and for a budget that no method meets.
     """
     if methods and budget_ms is not None:
         raise BadInput(
@@ -79,7 +87,7 @@ def methods_to_draw(
 
 
 def notes_on_methods(methods: Sequence[str], budget_ms: float | None = None) -> Notes:
-    """Return a line on the method that a budget chose, and one on those that know chairs only."""
+    """Return a line on the method that a budget chose, and one on methods that know only chairs."""
     notes = []
     if budget_ms is not None:
         chosen = best_within(budget_ms)

@@ -1,4 +1,7 @@
-"""Images of a cloud in a file, by any method, in a worker process: neither is trusted."""
+"""Images of a cloud in a file, by any method.
+
+Files and methods are not trusted, so that a worker process reads the file and draws.
+"""
 
 from __future__ import annotations
 
@@ -39,23 +42,28 @@ from data_prep.scene import (
     View,
 )
 
-_Z_UP = (".las", ".laz", ".e57")  # formats of surveys: z is the height
+_Z_UP = (".las", ".laz", ".e57")  # suffixes of the formats of surveys, in which z is the height
+# Where each kind of file has its colours, for the message on a file without them.
 _WHERE_COLOURS = (
     "a PLY has red, green and blue, a text six columns or r, g and b in its first line, an array "
     "[N, 6]; or draw without --colour file"
 )
-_FEWEST_HINTED = 256  # points of a cloud that is looked at for its up axis: fewer tell too little
-_MOST_HINTED = 2048  # points that are looked at, of larger clouds a random subset: for speed
-# A cloud is symmetric along an axis where its points, mirrored, are on average at most 1.2 times as
-# far from the points as these are from each other; from 3 times on it is not. Chosen on 107 real
-# meshes and 390 procedural shapes with y up. Clean, sparse (512 points) or with noise of 5 or 10 %
-# of the radius, at most 1 % get a false hint. Turned to z up, 27 % of the real ones are recognised
-# with the front at -y and 57 % with the front at x; with noise 3 to 17 %.
+# The fewest points of a cloud whose up axis is guessed: with fewer, its symmetry cannot be judged.
+_FEWEST_HINTED = 256
+# The most points that the guess looks at, to be quick; of larger clouds it takes a random subset.
+_MOST_HINTED = 2048
+# A cloud is mirrored along an axis, and the mean distance of the mirrored points to the nearest
+# point is compared with the distance between neighbouring points. Up to _SYMMETRIC times as far,
+# the cloud counts as symmetric along the axis; from _ASYMMETRIC times on, as not symmetric.
+# Both were chosen on 107 real meshes and 390 procedural shapes whose y axis points up. At most 1 %
+# of them get a false hint, be they clean, sparse (512 points), or with noise of 5 or 10 % of the
+# radius. Of the real ones turned so that z points up, 27 % are recognised with the front at -y, and
+# 57 % with the front at x; with noise, 3 to 17 %.
 _SYMMETRIC, _ASYMMETRIC = 1.2, 3.0
-_LINE = 1e-3  # thickness by length, below which points lie on a line
-_MOST_PIXELS = 2**24  # of the images that a method draws in one call: 200 MB as float32
-# For one cloud by one method, of a user who waits: the slowest method takes half a minute for
-# 100,000 points.
+_LINE = 1e-3  # points whose extent across is below this share of their length lie on a line
+_MOST_PIXELS = 2**24  # the most pixels that a method draws in one call: 200 MB as float32
+# The limits for one cloud by one method. A user is waiting, and the slowest method takes half a
+# minute for 100,000 points.
 LIMITS = Limits(time_s=120.0, memory_gib=4.0)
 Background = Literal["white", "transparent"]
 
@@ -112,7 +120,7 @@ class CloudFile:
         return loaded.cloud, loaded.notes
 
     def load_all(self) -> LoadedCloud:
-        """Return the cloud as `load` does, its colours where asked for, and notes on the file."""
+        """Return the cloud as `load` does, its colours if wanted, and notes on the file."""
         contents = read_cloud(self.path, self.with_colors)
         notes = [*contents.notes, *self._notes_on_invalid(contents)]
         if contents.is_mesh:
@@ -137,9 +145,10 @@ class CloudFile:
         return LoadedCloud(cloud, colors, tuple(f"{self.path}: {note}" for note in notes))
 
     def _notes_on_invalid(self, contents: CloudContents) -> Notes:
-        """Return a note on points that are not finite, where they are left out.
+        """Return a note where points that are not finite are left out.
 
-        Raises BadInput where they are neither left out nor kept as they are.
+        Raises BadInput for such points unless they are left out (`drop_invalid`) or the cloud is
+        kept as it is (`as_is`).
         """
         valid = np.asarray(np.isfinite(contents.points).all(axis=1))
         if valid.all():
@@ -157,9 +166,10 @@ class CloudFile:
         )
 
     def _notes_on_shape(self, cloud: PointCloud, has_far: bool) -> Iterator[str]:
-        """Yield a note where columns or axes seem to be taken for others.
+        """Yield a note where columns or axes of the file seem to be mistaken for others.
 
-        Beside points that are far, `has_far`, all others are in one place and tell nothing.
+        has_far  whether some points are far from the rest; the rest is then so small in the cloud
+                 that its shape tells nothing
         """
         if not has_far and looks_like_a_line(cloud):
             yield "its points lie on a line; check which columns are x, y and z"
@@ -167,13 +177,13 @@ class CloudFile:
             yield "its z axis seems to point up; give --up z, or --up y if it does not"
 
     def _on_surface(self, contents: CloudContents, notes: list[str]) -> CloudContents:
-        """Return points of the surface of a mesh in place of its vertices."""
+        """Return points sampled on the surface of a mesh in place of its vertices; add a note."""
         faces = cast("NDArray[np.int64]", contents.faces)
         whole = np.isfinite(contents.points[faces]).all(axis=(1, 2))
         count, rng = self.most or CLOUD_SIZE, generator("render", "surface")
         try:
             points, face, shares = sample_faces(contents.points[faces[whole]], rng, count)
-        except BadInput:  # no area
+        except BadInput:  # the faces have no area; the vertices are drawn
             return contents
         face = np.flatnonzero(whole)[face]
         colors = None if contents.face_colors is None else contents.face_colors[face]
@@ -190,7 +200,7 @@ class CloudFile:
 
     def _scaled(self, points: NDArray[np.float64]) -> PointCloud:
         if self.as_is:
-            with np.errstate(over="ignore"):  # beyond float32 is infinite
+            with np.errstate(over="ignore"):  # numbers too large for float32 become infinite
                 return PointCloud(points.astype(np.float32))
         try:
             return normalise_points(points)
@@ -201,10 +211,12 @@ class CloudFile:
 def far_with_notes(
     points: NDArray[np.float64], drop: bool, option: str
 ) -> tuple[NDArray[np.bool_], Notes]:
-    """Return which points [N] are far from the rest, and notes on these and on coarse coordinates.
+    """Return which points are far from the rest, bool [N], with notes on them.
+
+    A further note tells of coordinates that lie in coarse steps.
 
     drop    whether the caller leaves the far points out, which the note then says
-    option  what leaves them out, for the note where `drop` is False
+    option  the option that leaves them out, which the note names where `drop` is False
     """
     far = far_points(points)
     notes = [note_on_steps(points[~far])]
@@ -221,7 +233,7 @@ def _finite(cloud: PointCloud) -> NDArray[np.float64]:
 
 
 def looks_like_a_line(cloud: PointCloud) -> bool:
-    """Return whether the points lie on a line, as where a count or a time is read as x."""
+    """Return whether the points lie on a line, as they do where a column of times is read as x."""
     points = _finite(cloud)
     if len(points) < 3:
         return False
@@ -232,8 +244,8 @@ def looks_like_a_line(cloud: PointCloud) -> bool:
 def looks_lying(cloud: PointCloud) -> bool:
     """Return whether a cloud looks as if its z axis pointed up.
 
-    Most objects have a mirror image from left to right, and many from front to back, but hardly any
-    from top to bottom: where the halves along y are alike and along z they are not, z is up.
+    Most objects are symmetric from left to right, and many from front to back, but hardly any from
+    top to bottom. So z points up where the cloud is symmetric along y, but not along z.
     """
     from scipy.spatial import cKDTree
 
@@ -242,8 +254,9 @@ def looks_lying(cloud: PointCloud) -> bool:
         return False
     points = points[random_rows(len(points), _MOST_HINTED)]
     tree = cKDTree(points)
-    spacing = float(np.median(tree.query(points, k=[2])[0]))  # the first is the point itself
-    asymmetry = []  # mean distance of mirrored points to the points
+    # The distance to the second nearest point, as the nearest one is the point itself.
+    spacing = float(np.median(tree.query(points, k=[2])[0]))
+    asymmetry = []  # the mean distance of mirrored points to the nearest point, along y and along z
     for axis in (1, 2):
         mirrored = points.copy()
         mirrored[:, axis] = points[:, axis].min() + points[:, axis].max() - points[:, axis]
@@ -253,11 +266,11 @@ def looks_lying(cloud: PointCloud) -> bool:
 
 @dataclass(frozen=True, eq=False)
 class LoadedCloud:
-    """What was read of a file.
+    """A cloud that was read from a file.
 
     cloud   the points
-    colors  their colours, uint8 [N, 3]; None where they are not asked for
-    notes   what was left out or guessed, a line each
+    colors  their colours, uint8 [N, 3]; None where they were not asked for
+    notes   lines on what was left out or guessed
     """
 
     cloud: PointCloud
@@ -278,7 +291,7 @@ def _unused(contents: CloudContents, with_colors: bool) -> Iterator[str]:
         if is_faces:
             note += "; they make no surface of most of these"
         yield note
-        remedy = ""  # said once a file
+        remedy = ""  # only the first note on a file has it
 
 
 @dataclass(frozen=True, eq=False)
@@ -294,19 +307,20 @@ class Drawing:
     device : str
         "auto", "cpu" or "cuda", for networks.
     batch : int or None
-        Views a call; None draws all in one.
+        Number of views that are drawn in one call; None for all.
     rng : Generator or None
-        Random numbers for the method; None takes those of `bench render`, the same each time.
+        Random numbers for the method; None for those of `bench render`, the same each time.
     size : int
-        Side of the images in pixels, 16 to 2048. Methods that cannot draw it draw another one
-        (`bench.methods.Method.sizes`), which is resampled.
+        Side of the images in pixels, 16 to 2048. A method that cannot draw this size
+        (`bench.catalogue.methods.Method.sizes`) draws another one, and its images are resampled.
     background : str
-        "white", or "transparent": images uint8 [V, size, size, 4], the last channel their opacity.
+        "white"; or "transparent", for images uint8 [V, size, size, 4] whose last channel is their
+        opacity.
 
     Raises
     ------
     data_prep.failures.BadInput
-        For a device, a size or a background that there is not.
+        For an unknown device or background, and for a size out of range.
     """
 
     method: str
@@ -345,7 +359,7 @@ class Failed:
     Attributes
     ----------
     reason : str
-        As in a record: the stage or the exception, and the problem.
+        The stage of the method, or the exception, and the problem.
     """
 
     reason: str
@@ -387,19 +401,22 @@ def draw_file(file: CloudFile, drawing: Drawing, limits: Limits = LIMITS) -> UIn
 def draw_each(
     files: Iterable[CloudFile], requests: Sequence[Wanted], workers: int, limits: Limits = LIMITS
 ) -> Iterator[tuple[CloudFile, Wanted, Drawn, Notes]]:
-    """Yield each file with each request, the images, and notes on both, as they come.
+    """Yield for each file and each request the images and the notes, in the order of completion.
 
-    A file that cannot be used gives its BadInput in place of images. Each task reads the file by
-    itself; each worker loads a method once. Raises BadInput as `draw_file`, for a method before
-    anything is drawn.
+    For a file that cannot be used, a BadInput stands in place of images. Each pair of file and
+    request is a task, which reads the file anew; each worker loads a method once. Raises BadInput
+    for an unusable method before anything is drawn.
     """
     for wanted in requests:
         if isinstance(wanted, Drawing):
             find_drawer(wanted.method)
     tasks = ((file, wanted) for file in files for wanted in requests)
     for (file, wanted), result in run_tasks(tasks, _load_and_draw, workers, limits):
-        drawn, notes = (Failed(result.reason), ()) if isinstance(result, WorkerFailure) else result
-        yield file, wanted, drawn, notes
+        if isinstance(result, WorkerFailure):
+            yield file, wanted, Failed(result.reason), ()
+        else:
+            drawn, notes = result
+            yield file, wanted, drawn, notes
 
 
 def draw_in_process(
@@ -432,7 +449,10 @@ def draw_in_process(
 
 
 def warn(notes: Sequence[str], levels: int) -> None:
-    """Warn of each note once, as from so many calls above this one."""
+    """Warn of each note once.
+
+    levels  the number of calls between this function and the line that warnings point to
+    """
     for note in dict.fromkeys(notes):
         warnings.warn(note, stacklevel=levels + 1)
 
@@ -454,13 +474,13 @@ def _draw(
     except MissingDependency:
         raise
     except (Exception, SystemExit) as error:
-        if renderer is None and isinstance(error, BadInput):  # unusable weights, for example
+        if renderer is None and isinstance(error, BadInput):  # for example, unusable weights
             raise
         return Failed(reason_of(error)), ()
 
 
 class _Keeper:
-    """A renderer that keeps the state of its last cloud."""
+    """A renderer that remembers what it made of the last cloud before it drew."""
 
     state: Any = None
 
@@ -479,11 +499,11 @@ class _Keeper:
 
 @dataclass(frozen=True, eq=False)
 class DrawnViews:
-    """What a method has drawn of a cloud.
+    """The images that a method has drawn of a cloud.
 
     images  uint8 [V, size, size, 3 or 4]
-    state   what the method made of the cloud before it drew, such as a reconstruction
-    notes   what it did to the points, a line each
+    state   what the method made of the cloud before it drew, such as a reconstructed surface
+    notes   lines on what it did to the points
     """
 
     images: NDArray[np.uint8]
@@ -492,7 +512,7 @@ class DrawnViews:
 
 
 def draw_views(renderer: Renderer, cloud: PointCloud, drawing: Drawing) -> DrawnViews:
-    """Return what the method's renderer draws of a cloud; raise whatever the method raises."""
+    """Draw a cloud with the method's renderer. Raises whatever the method raises."""
     method, rng = find_method(drawing.method), drawing.rng or generator("render")
     side, keeper = method.drawn_at(drawing.size), _Keeper(renderer)
     batch = drawing.batch or max(1, _MOST_PIXELS // side**2)

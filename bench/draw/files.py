@@ -1,4 +1,4 @@
-"""Files of images: their names, and PNG, JPEG, WebP, GIF or APNG, by the suffix."""
+"""Files of images: their names, and how they are written in the format of their suffix."""
 
 from __future__ import annotations
 
@@ -19,35 +19,37 @@ from data_prep.scene import View
 if TYPE_CHECKING:
     from PIL.Image import Image
 
-_STILL = (".png", ".jpg", ".jpeg")  # suffixes of single images
+_STILL = (".png", ".jpg", ".jpeg")  # the suffixes of single images
 MOVING = (".gif", ".webp", ".apng")
 _FORMS = {".gif": "GIF", ".webp": "WEBP", ".jpg": "JPEG", ".jpeg": "JPEG"}  # others are PNG
-_TURN_MS = 3600  # about the time of a whole turn, in milliseconds: slow enough to look at
-_LEAST_MS = 40  # least time of a frame, in milliseconds: 25 frames a second
-_GIF_MS = 10  # milliseconds in which a GIF counts: times of frames are multiples of it
+_TURN_MS = 3600  # milliseconds that a whole turn takes, about: slow enough to look at
+_LEAST_MS = 40  # the shortest time of a frame in milliseconds: 25 frames a second
+_GIF_MS = 10  # the unit of time in a GIF in milliseconds: times of frames are multiples of it
 _KMEANS_STEPS = 4  # turntable of one chair: 4.8 grey levels off (rms) in place of 5.4
 
 
 def image_of_cloud(cloud: Path, out: Path | None, form: str = "png") -> Path:
     """Return the file of the image of one cloud: `out`, or one beside the cloud with its name.
 
-    `form` is the suffix of the latter. Raises BadInput for a cloud that is not there or is none by
-    its name, and for an `out` that cannot be the file of an image.
+    form  the suffix of a file beside the cloud, without its dot
+
+    Raises BadInput for a cloud that does not exist or whose name is not that of a cloud, and for an
+    `out` that cannot be the file of an image.
     """
-    # The cloud's name is checked before it becomes that of the image.
+    # The name of the cloud is checked first: a wrong one would make a wrong name for the image.
     _check_file(cloud)
     image = out or cloud.with_suffix(f".{form}")
     moves(image)  # raises BadInput for the name of another kind of file
     if image.is_dir():
-        raise BadInput(f"{image}: a folder; give another -o")
+        raise BadInput(f"{image}: is a folder; give the name of a file with -o")
     _check_parent(image)
     return image
 
 
 def files_of_views(image: Path, views: Sequence[View]) -> tuple[Path, ...]:
-    """Return a file for each of several views, with its angles in the name; else the image itself.
+    """Return a file for each view, named after the image and the angles of the view.
 
-    A turntable has one view, from which it starts.
+    For a single view that is the image itself. A turntable has one view, from which it starts.
     """
     if len(views) == 1:
         return (image,)
@@ -58,17 +60,22 @@ def files_of_views(image: Path, views: Sequence[View]) -> tuple[Path, ...]:
 def images_of_clouds(
     paths: Sequence[Path], folder: Path, form: str = "png"
 ) -> tuple[Mapping[Path, Path], tuple[str, ...]]:
-    """Return the file of each cloud's image, in `folder` by its name, and notes on other files.
+    """Return the image file of each cloud, and notes on files that are left out.
 
-    `form` is the suffix of the images. Where a path is a folder, all clouds below it are drawn, and
-    their images keep its sub-folders. `folder`, that of the images, need not exist. Raises
-    BadInput for a path without clouds, for clouds that would have the same image, and where
-    `folder` cannot be the folder.
+    paths   files of clouds, or folders; of a folder all clouds below it are drawn, and their images
+            stand in the same sub-folders
+    folder  the folder of the images, which need not exist
+    form    the suffix of the images, without its dot
+
+    Raises BadInput for a path without clouds, for clouds that would have the same image, and for a
+    `folder` that is a file.
     """
     if folder.suffix.lower() in (*_STILL, *MOVING) and not folder.is_dir():
-        raise BadInput(f"{folder}: one name for several clouds; give the folder of their images")
+        raise BadInput(
+            f"{folder}: is the name of one image, for several clouds; give a folder for the images"
+        )
     if folder.exists() and not folder.is_dir():
-        raise BadInput(f"{folder}: a file; give the folder of the images")
+        raise BadInput(f"{folder}: is a file; give a folder for the images")
     _check_parent(folder)
     images: dict[Path, Path] = {}
     clouds: dict[Path, Path] = {}
@@ -80,7 +87,9 @@ def images_of_clouds(
             if not named:
                 kinds = ", ".join(CLOUD_SUFFIXES)
                 has = f" (it has {first_names(others)})" if others else ""
-                raise BadInput(f"{path}: no clouds in this folder{has}; give one with {kinds}")
+                raise BadInput(
+                    f"{path}: no clouds in this folder{has}; give a folder with files {kinds}"
+                )
             if others:
                 notes.append(
                     f"{path}: left out, no clouds by their names or contents: {first_names(others)}"
@@ -89,7 +98,7 @@ def images_of_clouds(
             _check_file(path)
             named = (path,)
         for cloud in named:
-            if cloud in images:  # named twice
+            if cloud in images:  # two of the paths lead to this cloud
                 continue
             image = images[cloud] = folder / cloud.relative_to(root).with_suffix(f".{form}")
             if clouds.setdefault(image, cloud) != cloud:
@@ -112,9 +121,9 @@ def _check_parent(path: Path) -> None:
 
 
 def moves(path: Path) -> bool:
-    """Return whether a file of this name is a turntable; False for the name of a single image.
+    """Return whether a file of this name is a turntable; False for a single image.
 
-    Raises BadInput for a name that ends in none of their suffixes.
+    Raises BadInput for a name whose suffix is of neither.
     """
     suffix = path.suffix.lower()
     if suffix not in (*_STILL, *MOVING):
@@ -129,7 +138,7 @@ def check_opacity(path: Path) -> None:
     """Raise BadInput for a GIF and a JPEG, which cannot keep the opacity of pixels."""
     if (form := _FORMS.get(path.suffix.lower())) in ("GIF", "JPEG"):
         raise BadInput(
-            f"{path}: a {form} has no opacity of its pixels; give a name that "
+            f"{path}: a {form} cannot have transparent pixels; give a name that "
             "ends in .png, .apng or .webp"
         )
 
@@ -172,9 +181,9 @@ def write_images(frames: NDArray[np.uint8], path: Path) -> None:
 
 
 def in_one_palette(frames: NDArray[np.uint8]) -> list[Image]:
-    """Return frames uint8 [F, H, W, 3] in the same 256 colours, each pixel in the nearest one.
+    """Return frames uint8 [F, H, W, 3] in the same 256 colours, one of which is white.
 
-    White is one of them.
+    Each pixel gets the nearest of these colours.
     """
     # With a palette for each frame, or with dithering, the film would flicker.
     from PIL import Image

@@ -1,6 +1,6 @@
 """Images made ready to be written: at another size, without background, or side by side.
 
-Pure: arrays to arrays.
+All functions take arrays and return arrays.
 """
 
 from __future__ import annotations
@@ -18,24 +18,26 @@ from data_prep.scene import IMAGE_SIZE, UInt8Images
 if TYPE_CHECKING:
     from PIL.ImageFont import FreeTypeFont, ImageFont
 
-# Darkness, 0 to 1, below which a pixel is background: networks draw it a little off white.
+# The darkness, 0 to 1, below which a pixel counts as background, which networks draw a little off
+# white.
 _BACKGROUND = 8 / 255
-# A coverage so near to 0 or 1 counts as 0 or 1, which networks hardly ever reach.
+# A coverage that is as near as this to 0 or 1 counts as 0 or 1, which networks hardly ever reach.
 _UNSURE = 8 / 255
-_EDGE_PX = 2  # width in pixels of the smoothed edges of networks; those of meshes have one
-# The parts of a sheet, in pixels.
-MARGIN = 6  # around and between tiles
-LABEL_HEIGHT = 18  # of the line above a tile
-_LABEL_PX = 13  # size of its letters
-PROBLEM_PX = 11  # size of the letters of a reason in place of an image
-PROBLEM_HEIGHT = 14  # from line to line of such a reason
-# Colours of a sheet: of labels, and of the letters and the ground of a reason.
+_EDGE_PX = 2  # the width in pixels of edges that networks draw; edges of meshes have one pixel
+# The measures of a sheet, in pixels.
+MARGIN = 6  # the space around tiles and between them
+LABEL_HEIGHT = 18  # the height of the line above a tile that holds its label
+_LABEL_PX = 13  # the size of the letters of a label
+PROBLEM_PX = 11  # the size of the letters of a reason, which stands in place of an image
+PROBLEM_HEIGHT = 14  # the distance from line to line in a reason
+# The colours of a sheet, as red, green and blue: of labels, of reasons, and of their background.
 INK, PROBLEM_INK, PROBLEM_GROUND = (40, 40, 40), (150, 30, 30), (250, 243, 240)
-_MOST_A_ROW = 5  # tiles: a sheet of bench render is then at most 1,316 pixels wide
+# The most tiles in a row: a sheet of bench render is then at most 1,316 pixels wide.
+_MOST_A_ROW = 5
 
 
 def resized(images: NDArray[np.uint8], size: int) -> NDArray[np.uint8]:
-    """Return images [F, H, W, 3] as [F, size, size, 3], by Lanczos' filter."""
+    """Return images [F, H, W, 3] resampled to [F, size, size, 3] with Lanczos' filter."""
     if images.shape[1:3] == (size, size):
         return images
     from PIL import Image
@@ -49,18 +51,18 @@ def resized(images: NDArray[np.uint8], size: int) -> NDArray[np.uint8]:
 def without_background(
     images: UInt8Images, coverage: NDArray[np.float32], size: int
 ) -> NDArray[np.uint8]:
-    """Return images on white, [F, S, S, 3], as RGBA [F, size, size, 4] that are the same on white.
+    """Return images on white, [F, S, S, 3], as RGBA images [F, size, size, 4].
 
-    The opacity of a pixel is its coverage, [F, S, S] in 0..1, rounded to 0 or 1 within _UNSURE. Its
-    colour is the one that on white gives the pixel of the opaque image (of `resized`) again, within
-    a grey level.
+    The opacity of a pixel is its coverage, [F, S, S] in 0..1, rounded to 0 or 1 where it is within
+    _UNSURE of them. Colours are such that, laid on white, the result is the image that `resized`
+    returns, to within a grey level.
     """
     rgba = np.empty((len(images), size, size, 4), np.uint8)
     for image, share, out in zip(images, coverage, rgba, strict=True):
         (large,) = resized(image[None], size)
         covered = np.where(share < _UNSURE, 0, np.where(share > 1 - _UNSURE, 1, share))
         levels = np.floor(255 * _enlarged(covered, size).clip(0, 1) + 0.5)
-        # Less opaque than dark, a pixel would need a colour darker than black.
+        # A pixel that is less opaque than it is dark would need a colour darker than black.
         levels = np.maximum(levels, 255 - large.min(axis=-1))[..., None]
         colour = np.full(large.shape, 255.0)
         np.divide(255 * (large + levels - 255), levels, out=colour, where=levels > 0)
@@ -69,7 +71,7 @@ def without_background(
 
 
 def _enlarged(share: NDArray[np.float32], size: int) -> NDArray[np.float32]:
-    """Return an image [S, S] of one number as `resized` makes it, which may leave 0..1."""
+    """Return a coverage [S, S] resampled as `resized` does; values may go below 0 or above 1."""
     from PIL import Image
 
     if share.shape == (size, size):
@@ -79,11 +81,14 @@ def _enlarged(share: NDArray[np.float32], size: int) -> NDArray[np.float32]:
 
 
 def guessed_coverage(images: UInt8Images) -> NDArray[np.float32]:
-    """Return the coverage [F, S, S], 0 to 1, that images on white [F, S, S, 3] seem to have.
+    """Return the coverage, 0 to 1, that the pixels of images on white seem to have.
 
-    White is background. Within _EDGE_PX of the background a pixel counts as covered by the share
-    of its darkness in that of the object beside it. So thin and bright parts are taken for half
-    transparent.
+    images   [F, S, S, 3]
+    returns  [F, S, S]
+
+    White counts as background. Within _EDGE_PX of the background, a pixel counts as covered to the
+    share that its darkness has of the darkness of the object beside it. Parts of an object that are
+    thin and bright therefore come out half transparent.
     """
     return np.array([_guessed(image) for image in images], np.float32).reshape(images.shape[:3])
 
@@ -93,8 +98,8 @@ def _guessed(image: NDArray[np.uint8]) -> NDArray[np.float64]:
 
     darkness, around = 1 - image.min(axis=-1) / 255, 2 * _EDGE_PX + 1
     within = minimum_filter(darkness, around) >= _BACKGROUND
-    # The object beside an edge is what is near of its inside; a thin part has none near by, and is
-    # measured by its darkest pixel.
+    # The darkness of the object beside an edge is the mean over its inside near by. A thin part has
+    # no inside; there the darkest pixel near by is taken.
     share = uniform_filter(within.astype(float), 2 * around - 1)
     inside = uniform_filter(darkness * within, 2 * around - 1) / np.maximum(share, 1e-9)
     beside = np.where(share > 1e-9, inside, maximum_filter(darkness, around))
@@ -104,24 +109,26 @@ def _guessed(image: NDArray[np.uint8]) -> NDArray[np.float64]:
 
 @dataclass(frozen=True, eq=False)
 class Tile:
-    """A label with the images [F, 128, 128, 3] of the frames, or with the reason of a failure."""
+    """A label with an image for each frame, [F, 128, 128, 3], or with the reason of a failure."""
 
     label: str
     images: UInt8Images | str
 
 
 def columns_of(count: int) -> int:
-    """Return the tiles a row: at most _MOST_A_ROW, with rows as equally long as possible."""
+    """Return the number of tiles in a row, at most _MOST_A_ROW, so that rows are equally full."""
     rows = -(-count // _MOST_A_ROW)
     return -(-count // max(rows, 1))
 
 
 def draw_sheet(tiles: Sequence[Tile], columns: int, scale: int) -> UInt8Images:
-    """Return frames uint8 [F, H, W, 3] of the tiles, row by row, each under its label.
+    """Return frames uint8 [F, H, W, 3] that show the tiles row by row, each under its label.
 
-    Images are enlarged `scale` times, every pixel becoming a square. A reason stands in place of
-    the images, as far as it fits. A sheet without images has one frame. Raises ValueError where
-    tiles have different numbers of frames.
+    columns  the number of tiles in a row
+    scale    how many pixels wide and high a pixel of the images becomes
+
+    Where a tile has a reason, it stands in place of the images, as far as it fits. A sheet without
+    any image has one frame. Raises ValueError where tiles have different numbers of frames.
     """
     from PIL import Image, ImageDraw
 
@@ -157,7 +164,7 @@ def draw_sheet(tiles: Sequence[Tile], columns: int, scale: int) -> UInt8Images:
 
 
 def shortened(text: str, size_px: int, width: float) -> str:
-    """Return the text, or as much of its beginning and end as fits into `width` pixels."""
+    """Return the text; where it is wider than `width` pixels, its beginning and end around "…"."""
     font = _font(size_px)
     short, kept = text, len(text)
     while kept and font.getlength(short) > width:
@@ -167,7 +174,7 @@ def shortened(text: str, size_px: int, width: float) -> str:
 
 
 def wrapped(text: str, size_px: int, width: float) -> list[str]:
-    """Return the text in lines that fit into `width` pixels; a longer word is shortened."""
+    """Return the text in lines that fit into `width` pixels; a word that does not is shortened."""
     font = _font(size_px)
     lines: list[str] = []
     for word in (shortened(word, size_px, width) for word in text.split()):

@@ -40,8 +40,10 @@ from data_prep.rendering.camera import FARTHEST
 from data_prep.rendering.raycast import surface_maps
 from data_prep.scene import IMAGE_SIZE, Mesh, PointCloud, View
 
-_MOST_FRAMES = 3_600  # steps of a tenth of a degree, in 180 MB of 128 pixels each way
-_SPELT = {  # what a note on a file names, in Python
+# The most images of a turntable: one every tenth of a degree. At 128 x 128 pixels they take 180 MB.
+_MOST_FRAMES = 3_600
+# Notes on files name options of the command line: what stands for them in calls from Python.
+_SPELT = {
     "--drop-invalid": "drop_invalid=True",
     "--drop-far": "drop_far=True",
     "--up z": 'up="z"',
@@ -53,18 +55,19 @@ _SPELT = {  # what a note on a file names, in Python
 
 @dataclass(frozen=True, eq=False)
 class SurfaceMaps:
-    """The surface that a method has made, in an image.
+    """Maps of the surface that a method has reconstructed, as seen in an image.
 
     Attributes
     ----------
     depth : ndarray
-        float32 [size, size]: the distance to the camera along its axis, in unit-sphere units (the
-        centre is 4 away), mean of a pixel's samples; infinite where the surface is not.
+        float32 [size, size]: the distance from the camera along its axis, in unit-sphere units (the
+        centre is 4 away), as a mean over the samples of a pixel; infinite where a pixel shows no
+        surface.
     mask : ndarray
         float32 [size, size]: the share of a pixel that the surface covers, 0 to 1.
     normals : ndarray
-        float32 [size, size, 3]: the mean normal of what a pixel shows in the camera's frame, +X to
-        the right, +Y up and +Z to the camera; 0 where the surface is not.
+        float32 [size, size, 3]: the mean normal of the surface in a pixel, in the camera's frame
+        with +X to the right, +Y up and +Z to the camera; 0 where a pixel shows no surface.
     """
 
     depth: NDArray[np.float32]
@@ -88,9 +91,9 @@ def _draw(
     drop_invalid: bool = False,
     columns: Sequence[int | str] | None = None,
 ) -> tuple[Drawing, DrawnViews]:
-    """Draw on the drawing thread, and warn of what is to be known even if that fails.
+    """Draw on the drawing thread, and give all notes as warnings, even where drawing fails.
 
-    The options are those of `draw_cloud`, which raises what this raises.
+    The options are those of `draw_cloud`, which states the errors that are raised.
     """
     if not isinstance(method, str | None):
         raise BadInput(f"method {method!r}: must be the id of one method")
@@ -124,7 +127,7 @@ def _draw(
         warn(notes, levels=3)  # at the line that calls `draw_cloud` or `turntable`
 
 
-OPTIONS = tuple(inspect.signature(_draw).parameters)[2:]  # the names, without points and views
+OPTIONS = tuple(inspect.signature(_draw).parameters)[2:]  # the names of all but points and views
 
 
 def _cloud_of_file(
@@ -138,9 +141,12 @@ def _cloud_of_file(
 ) -> tuple[PointCloud, Notes]:
     path = Path(file)
     if columns is not None:
-        raise BadInput(f"{path}: columns are of an array; name those of a file in its first line")
+        raise BadInput(
+            f"{path}: columns= chooses columns of an array; leave it out, and name the columns of "
+            "a file in its first line"
+        )
     if path.is_dir():
-        raise BadInput(f"{path}: a folder; give a file of points")
+        raise BadInput(f"{path}: is a folder; give a file of points")
     as_asked = CloudFile(
         path,
         as_is=False,
@@ -148,7 +154,7 @@ def _cloud_of_file(
         front=front,
         drop_invalid=drop_invalid,
         drop_far=drop_far,
-        up_unknown=up == "y",  # the default, so perhaps nobody has thought about it
+        up_unknown=up == "y",  # "y" is the default, which the caller may not have thought about
     )
     try:
         cloud, notes = as_asked.load_with_notes()
@@ -184,7 +190,10 @@ def _cloud_of_array(
 
 
 def _maps_of(drawing: Drawing, drawn: DrawnViews) -> SurfaceMaps:
-    """Return the surface in the first view. Raises BadInput for a method that makes none."""
+    """Return maps of the method's surface in the first view.
+
+    Raises BadInput for a method that makes no surface.
+    """
     mesh = getattr(drawn.state, "mesh", None)
     if not isinstance(mesh, Mesh):
         some = ", ".join(m.id for m in METHODS if m.kind == "reconstruction")
@@ -205,7 +214,7 @@ def _in_python(text: str) -> str:
 
 
 def _three_columns(points: Any, columns: Sequence[int | str] | None) -> tuple[ArrayLike, Notes]:
-    """Return the columns of x, y and z, and a note where others are left out unasked."""
+    """Return the columns of x, y and z, with a note where others are left out by default."""
     labels = [label for label in getattr(points, "columns", ()) if isinstance(label, str)]
     is_array = hasattr(points, "shape") and (labels or not hasattr(points, "columns"))
     given = points if is_array else cast("Any", np.asarray(points))
@@ -215,16 +224,16 @@ def _three_columns(points: Any, columns: Sequence[int | str] | None) -> tuple[Ar
             chosen = points[some] if labels else given[:, some]
         except (LookupError, TypeError, ValueError) as error:
             raise BadInput(
-                f"columns {columns!r}: not in points of shape {list(given.shape)}; give three "
-                "numbers from 0, or three names of a DataFrame"
+                f"columns {columns!r}: not in points of shape {list(given.shape)}; give the "
+                "numbers of three columns, counted from 0, or three names of a DataFrame"
             ) from error
         return chosen, ()
     if axes := axis_columns(labels):
         return points[[labels[i] for i in axes]], ()
     if not all(map(str.isdigit, labels)):
         raise BadInput(
-            f"points: columns {shown(', '.join(labels))}; name three of them x, y and z, or give "
-            "columns="
+            f"points: columns {shown(', '.join(labels))}; name three of them x, y and z, or "
+            "choose three with columns="
         )
     if not labels and len(given.shape) == 2 and given.shape[1] == 6:
         return given[:, :3], (
@@ -265,16 +274,17 @@ def draw_cloud(
     network. Its weights are read once a process. Any thread may call this; draws are done one after
     the other, in a thread of their own.
 
-    A UserWarning each tells what the method did to the points (used fewer of them, smoothed them,
-    made no mesh), a method that was trained on chairs alone, images that are resampled, columns
-    that are not used, points far from the others, and coordinates that lie in steps.
+    A UserWarning tells of each of these: what the method did to the points (used fewer of them,
+    smoothed them, made no mesh), a method that was trained on chairs alone, images that are
+    resampled, columns that are not used, points far from the others, and coordinates that lie in
+    coarse steps.
 
     Parameters
     ----------
     points : array_like or path
-        Real numbers [N, 3], or [N, 6] of which the first three count; rows with masked values are
-        left out, with a warning. Of a DataFrame the columns named x, y and z. Or a file of points,
-        as `bench render` reads it.
+        Real numbers [N, 3], or [N, 6] of which the first three columns are used; rows with masked
+        values are left out, with a warning. Or a DataFrame with columns named x, y and z. Or the
+        path of a file of points, as `bench render` reads it.
     azimuth_deg : float
         0 is the front, 90 the side of +X (see `data_prep.scene`).
     elevation_deg : float
@@ -285,12 +295,14 @@ def draw_cloud(
         Axes of the points that point up and to the front, such as "z" or "-x". The default is "y",
         with the front "-z", or "-y" where z is up.
     method : str
-        Id of a method, see `bench list`. Without it one within the budget, or without a budget one
-        that knows objects of 13 classes.
+        Id of a method, see `bench list`. By default the best one within the budget, or without a
+        budget one that knows objects of 13 classes.
     colour : bool
-        Whether that one draws in colours that it makes up; else in grey, the default.
+        Whether the method chosen by default draws in colours, which it makes up; by default it
+        draws in grey.
     budget_ms : float
-        Most milliseconds for one image of a new cloud, by costs measured on one machine.
+        The most milliseconds that one image of a new cloud may take, by costs measured on one
+        machine.
     drop_far : bool
         Whether to leave out points far from all others, which make the object small; else a
         warning tells of them, the default.
@@ -298,15 +310,16 @@ def draw_cloud(
         "auto", "cpu" or "cuda", for networks.
     size : int
         Side of the images in pixels, 16 to 2048; the default is 128. Surfaces and discs are drawn
-        so; images of networks are resampled, and a warning says so.
+        at that size; images of networks are resampled to it, and a warning says so.
     background : str
         "white", or "transparent", with the opacity as a fourth channel.
     drop_invalid : bool
         Whether to leave out points that are not finite, with a warning; else they are refused, the
         default.
     columns : sequence
-        The columns of x, y and z in an array, counted from 0, or their names in a DataFrame.
-        Without it the only three, the first three of six, or those named x, y and z.
+        The columns of x, y and z: their numbers in an array, counted from 0, or their names in a
+        DataFrame. By default the only three columns, the first three of six, or those named x, y
+        and z.
 
     Returns
     -------
@@ -323,7 +336,7 @@ def draw_cloud(
     ValueError
         For `points` that are no array [N, 3] of real numbers, and for an angle out of its range.
     TypeError
-        For an option that there is not.
+        For an unknown option.
     data_prep.failures.StageFailure
         Where the method cannot draw this cloud.
     """
@@ -336,7 +349,7 @@ def draw_cloud(
 
 
 def _angle(name: str, value: float) -> float:
-    """Return an angle in degrees. Raises ValueError for what is no number."""
+    """Return an angle in degrees. Raises ValueError where it is not a number."""
     if isinstance(value, bool) or not isinstance(value, Real):
         raise ValueError(f"{name} must be a number of degrees, got {value!r:.40}")
     return value
@@ -378,7 +391,10 @@ def turntable(
 
 
 def _check_options(caller: str, first: str, options: Mapping[str, Any]) -> None:
-    """Raise TypeError for an option that `caller`, whose first parameter is `first`, has not."""
+    """Raise TypeError for an option that the function `caller` does not have.
+
+    first  the name of its first parameter after the points, for the message
+    """
     if unknown := ", ".join(options.keys() - {*OPTIONS}):
         raise TypeError(
             f"{caller}: no option {unknown}; there are {first}, elevation_deg, {', '.join(OPTIONS)}"

@@ -1,8 +1,8 @@
 """The one thread in which a process draws, whichever of its threads asks for it.
 
-Two draws at a time would end the process, so they are done one after the other. A process that is
-forked later starts a thread of its own: it would wait for ever for threads of PyTorch, which are
-not forked with it.
+Drawing in two threads at the same time would crash the process, so that images are drawn one after
+the other. A forked process starts a drawing thread of its own: threads do not exist in a fork, and
+waiting for one of the old process, or of its PyTorch, would never end.
 """
 
 from __future__ import annotations
@@ -15,16 +15,16 @@ from concurrent.futures import Future
 from queue import SimpleQueue
 from typing import Any, TypeVar
 
-import data_prep.rendering.opengl  # noqa: F401  it registers its end before `_finish`
+import data_prep.rendering.opengl  # noqa: F401  its exit handler is to be registered first, to run after `_finish`
 
 Result = TypeVar("Result")
 
 
 class _Drawer(threading.Thread):
-    """The thread, which does what it finds in its queue.
+    """The drawing thread, which does the work that it finds in its queue.
 
-    It is a daemon, for it may not end before the process: MeshLab uses Qt, and what Qt has made in
-    a thread is freed twice if that thread ends first.
+    It is a daemon thread, as it must not end before the process: MeshLab uses Qt, which would free
+    what it has made in the thread a second time.
     """
 
     def __init__(self) -> None:
@@ -39,7 +39,7 @@ class _Drawer(threading.Thread):
                     future.set_result(work())
                 except BaseException as error:
                     future.set_exception(error)
-            del future, work  # and the images
+            del future, work  # frees the images while the thread waits for more work
 
 
 _drawer: _Drawer | None = None
@@ -47,7 +47,7 @@ _starting, _pools = threading.Lock(), threading.Lock()
 
 
 def _after_fork() -> None:
-    """Forget the thread, and who has the locks: they are not in this process."""
+    """Forget the thread and the locks of the parent process, which do not work in the fork."""
     global _drawer, _starting, _pools
     _drawer = None
     _starting, _pools = threading.Lock(), threading.Lock()
@@ -57,16 +57,17 @@ os.register_at_fork(after_in_child=_after_fork)
 
 
 def on_drawing_thread(work: Callable[[], Result]) -> Result:
-    """Return what `work` returns, and raise what it raises, in its turn.
+    """Do `work` on the drawing thread, after earlier work; return or raise what it does.
 
-    A KeyboardInterrupt ends the waiting: work that is under way goes on, other work is given up.
+    A KeyboardInterrupt ends the waiting. Work that has begun then goes on in the thread; work that
+    has not begun is given up.
     """
     global _drawer
     with _starting:
         if _drawer is None:
             _drawer = _Drawer()
             _drawer.start()
-    if threading.current_thread() is _drawer:  # a method that draws by another one
+    if threading.current_thread() is _drawer:  # one method draws with another one
         return work()
     future: Future[Result] = Future()
     _drawer.queue.put((future, work))
@@ -78,7 +79,7 @@ def on_drawing_thread(work: Callable[[], Result]) -> Result:
 
 @atexit.register
 def _finish() -> None:
-    """Let the thread do nothing more: what it draws with is about to be freed."""
+    """Stop the thread from drawing, as the process is about to free what it draws with."""
     if _drawer is not None:
         idle = threading.Event()
 
@@ -91,5 +92,9 @@ def _finish() -> None:
 
 
 def one_pool() -> threading.Lock:
-    """Return the lock of worker processes, which get their environment by way of this one's."""
+    """Return the lock for starting worker processes.
+
+    They inherit their environment variables from this process, which sets them for that moment, so
+    that two threads may not start workers at once.
+    """
     return _pools

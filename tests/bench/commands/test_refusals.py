@@ -306,7 +306,7 @@ CASES: dict[str, str] = {
         for text in ("", "2", "m", "0s", "0.0h", "-2m", "2 m", "2min", "1e3s", "nan", "٢m", "2m30s")
     },
     "train autoencoder --objects 1 --out x --for 0.001s": "--for 0.001s: over before the first ste",
-    "train upsampler --objects 1": "1 object: give at least 2, for one is held out to validate; se",
+    "train upsampler --objects 1": "1 object: at least 2 are needed, as one is held out for valid",
     "train upsampler --batch 0": "--batch 0: must be at least 1",
     "train occupancy-net --steps 0": "--steps 0: must be at least 1",
     "train splat-net --batch 0": "--batch 0: must be at least 1",

@@ -79,7 +79,7 @@ def test_an_opacity_is_kept_where_the_format_has_one(tmp_path):
         write_images(given, tmp_path / name)
         with Image.open(tmp_path / name) as image:
             assert np.array_equal(np.asarray(image.convert("RGBA")), given[0])
-    with pytest.raises(BadInput, match=r"a\.gif: a GIF has no opacity of its pixels"):
+    with pytest.raises(BadInput, match=r"a\.gif: a GIF cannot have transparent pixels"):
         write_images(given, tmp_path / "a.gif")
 
 

@@ -63,9 +63,12 @@ WRONG = {  # what is raised, for which arguments, and what is said
     BadInput: [
         ({"points": np.zeros((0, 3))}, "the cloud has no points"),
         ({"points": "shape.obj"}, r"shape\.obj: \.obj is a mesh, not a point cloud; save"),
-        ({"points": "a.ply", "columns": "xyz"}, "a.ply: columns are of an array; name t"),
+        (
+            {"points": "a.ply", "columns": "xyz"},
+            "a.ply: columns= chooses columns of an array; leave",
+        ),
         ({"columns": (0, 1, 9)}, r"columns \(0, 1, 9\): not in points of shape \[300, 3"),
-        ({"points": "."}, r"\.: a folder; give a file of points"),
+        ({"points": "."}, r"\.: is a folder; give a file of points"),
         (
             {"points": NAN},
             r"1 of 2 points are not finite \(the first is row 1, ",
