@@ -22,29 +22,42 @@ from bench.running.pool import WORKER_ENVIRONMENT
 from bench.running.worker import own_python
 from data_prep.failures import MissingDependency
 
-ROOT = Path(__file__).resolve().parents[2]
+ROOT = Path(__file__).resolve().parents[2]  # the folder of the project's packages
 CODE = ("data_prep", "learning", "baselines", "pc2pix", "bench")  # all packages of the project
-SUFFIXES = (".py", ".vert", ".frag")  # of code
+SUFFIXES = (".py", ".vert", ".frag")  # the ends of the names of files of code
+# The distributions whose versions a manifest has.
 PACKAGES = (
-    *("pc2pix-bench", "torch", "pymeshlab", "pyrender", "PyOpenGL", "embreex", "trimesh"),
-    *("numpy", "scipy", "pandas", "pyarrow"),
+    "pc2pix-bench",
+    "torch",
+    "pymeshlab",
+    "pyrender",
+    "PyOpenGL",
+    "embreex",
+    "trimesh",
+    "numpy",
+    "scipy",
+    "pandas",
+    "pyarrow",
 )
-# By which values may differ in their last digits.
+# The libraries with whose versions values may differ in their last digits.
 _LIBRARIES = ("torch", "pymeshlab", "pyrender", "PyOpenGL", "trimesh", "numpy", "scipy")
-ENVIRONMENTS = "environments"  # in a manifest: those of its jobs
-MIXED = " | "  # between the values of several
-_TIMEOUT_S = 120
-_VECTOR = ("sse4", "avx", "fma", "amx", "asimd", "sve")  # begin the names of such instructions
+ENVIRONMENTS = "environments"  # the entry of a manifest with the environments of its jobs
+MIXED = " | "  # stands between the values of one fact in several environments
+_TIMEOUT_S = 120  # seconds that the graphics driver may take to answer
+# The beginnings of the names of vector instructions, as Linux has them among a processor's flags.
+_VECTOR = ("sse4", "avx", "fma", "amx", "asimd", "sve")
 
 
 def command_line() -> list[str]:
-    """Return the command of this process; bytes that are not UTF-8 become escapes."""
-    # A manifest is UTF-8, and a folder may have any name.
+    """Return the command line of this process, with escapes for bytes that are not UTF-8.
+
+    A manifest is UTF-8, but a folder that the command names may have any bytes in its name.
+    """
     return [word.encode(errors="backslashreplace").decode() for word in sys.argv]
 
 
 def machine_info() -> dict[str, Any]:
-    """Return the entries of a manifest on command, time, versions and machine."""
+    """Return the entries of a manifest about the command, the time, versions and the machine."""
     cpu = _first_processor()
     flags = (cpu.get("flags") or cpu.get("Features") or "").split()
     vector = " ".join(name for name in flags if name.startswith(_VECTOR))
@@ -57,8 +70,8 @@ def machine_info() -> dict[str, Any]:
         "machine": {
             "platform": platform.platform(),
             "cpu": cpu.get("model name") or platform.processor(),
-            # By these libraries choose their code, and round differently; a name like "AMD EPYC"
-            # stands for many processors.
+            # Libraries choose their code by the instructions that a processor has, and so round
+            # differently. Its name is not enough: one like "AMD EPYC" stands for many processors.
             "instructions": f"family {cpu.get('cpu family', '')}, "
             f"model {cpu.get('model', '')}: {vector}",
             "cores": cores(),
@@ -69,16 +82,16 @@ def machine_info() -> dict[str, Any]:
 
 
 def started_environment(manifest: Mapping[str, Any]) -> dict[str, str]:
-    """Return everything that images depend on beside the project's own code and weights.
+    """Return the environment in which a run was started, as its manifest has it.
 
-    It is that of the start of a run. Where two jobs have the same, their values are the same to the
-    last digit.
+    It is everything that images depend on beside the project's own code and weights: where two jobs
+    have the same environment, their values are the same to the last digit.
     """
     machine, made_with = manifest.get("machine") or {}, manifest.get("versions", {})
     return {
         "gl": str(manifest.get("environment", {}).get("gl")),
         "cpu": f"{machine.get('cpu')}, {machine.get('instructions', 'unknown')}",
-        # The processors of a cluster's nodes are not in the manifest.
+        # Of a cluster the manifest does not have the processors, so that it is a fact by itself.
         "cluster": "yes" if manifest.get("cluster") else "no",
         "device": str(manifest["device"]),
         **{name: str(made_with.get(name)) for name in _LIBRARIES},
@@ -86,57 +99,78 @@ def started_environment(manifest: Mapping[str, Any]) -> dict[str, str]:
 
 
 def environments_entry(environments: Iterable[tuple[Mapping[str, str], int]]) -> list[Any]:
-    """Return environments with their numbers of jobs as the manifest of a run has them."""
+    """Return the entry of a manifest for environments, each with its number of jobs."""
     return [{"jobs": jobs, **environment} for environment, jobs in environments]
 
 
 def environment_of(manifest: Mapping[str, Any]) -> dict[str, str]:
-    """Return what all jobs of a run were made with, values that differ with MIXED between them."""
-    every = manifest.get(ENVIRONMENTS) or [started_environment(manifest)]
-    names = dict.fromkeys(name for facts in every for name in facts if name != "jobs")
-    return {name: MIXED.join(dict.fromkeys(str(e.get(name)) for e in every)) for name in names}
+    """Return the environment of all jobs of a run.
+
+    Where jobs were made in several environments, a fact that differs has all its values, with MIXED
+    between them.
+    """
+    environments = manifest.get(ENVIRONMENTS) or [started_environment(manifest)]
+    values: dict[str, dict[str, None]] = {}  # the different values of each fact, in their order
+    for environment in environments:
+        for name in environment:
+            if name != "jobs":
+                values.setdefault(name, {})
+    for name, different in values.items():
+        for environment in environments:
+            different[str(environment.get(name))] = None
+    return {name: MIXED.join(different) for name, different in values.items()}
 
 
 def is_same(here: Mapping[str, str], other: Mapping[str, str]) -> bool:
-    """Return whether two runs have one environment, each of them and both together."""
+    """Return whether all jobs of two runs were made in the same environment."""
     return here == other and not any(MIXED in value for value in here.values())
 
 
 def environment_changes(was: Mapping[str, str], here: Mapping[str, str]) -> str:
-    """Return what differs between two environments in words; "" where nothing does."""
+    """Return the differences between two environments, as in "numpy 2.1.0 -> 2.2.0".
+
+    It is "" where there is none.
+    """
     names = [name for name in dict.fromkeys((*was, *here)) if was.get(name) != here.get(name)]
     return ", ".join(f"{name} {was.get(name)} -> {here.get(name)}" for name in names)
 
 
 def told_mixture(manifest: Mapping[str, Any]) -> str:
-    """Return how many jobs of a run were made with what; "" where all were made with the same."""
-    every = manifest.get(ENVIRONMENTS, ())
-    if len(every) < 2:
+    """Return a text that tells how many jobs of a run were made in which environments.
+
+    It names the facts that differ, and is "" where all jobs were made in the same environment.
+    """
+    environments = manifest.get(ENVIRONMENTS, ())
+    if len(environments) < 2:
         return ""
-    names = [name for name, value in environment_of(manifest).items() if MIXED in value]
-    parts = [f"{e['jobs']} with {', '.join(f'{n} {e.get(n)}' for n in names)}" for e in every]
-    return f"its jobs were made in {len(every)} environments: {'; '.join(parts)}"
+    differing = [name for name, value in environment_of(manifest).items() if MIXED in value]
+    parts = []
+    for environment in environments:
+        facts = ", ".join(f"{name} {environment.get(name)}" for name in differing)
+        parts.append(f"{environment['jobs']} with {facts}")
+    return f"its jobs were made in {len(environments)} environments: {'; '.join(parts)}"
 
 
 def _first_processor() -> dict[str, str]:
-    """Return the entries of Linux on the first processor."""
+    """Return what /proc/cpuinfo of Linux says about the first processor; {} on other systems."""
     try:
         text = Path("/proc/cpuinfo").read_text(encoding="utf-8")
     except OSError:
         return {}
+    # The entries of all processors have the same names. In reverse order the first ones count.
     fields = (line.partition(":") for line in reversed(text.splitlines()))
     return {key.strip(): value.strip() for key, _, value in fields}
 
 
 def cores() -> int:
     """Return the number of cores that this process may use."""
-    if not hasattr(os, "sched_getaffinity"):  # macOS
+    if not hasattr(os, "sched_getaffinity"):  # as on macOS
         return os.cpu_count() or 1
     return len(os.sched_getaffinity(0))
 
 
 def now() -> str:
-    """Return the time, UTC, to the second."""
+    """Return the current time in UTC, to the second, in the form of ISO 8601."""
     return datetime.now(UTC).isoformat(timespec="seconds")
 
 
@@ -152,7 +186,11 @@ def versions() -> dict[str, str]:
 
 
 def _git() -> dict[str, Any]:
-    """Return commit and cleanliness of the checkout; installed packages may lie in another's."""
+    """Return the commit of the checkout, and whether its files are as committed.
+
+    {} where this code is in no checkout of its own, as an installed package that may lie within the
+    checkout of another project.
+    """
 
     def ask(*command: str) -> str:
         line = ["git", "-C", str(ROOT), *command]
@@ -172,8 +210,8 @@ def environment(
 ) -> dict[str, str]:
     """Return the libraries and the driver that images depend on, and the constants of the scene.
 
-    `execute` stands in for `subprocess.run`. Raises MissingDependency where nothing can be
-    rendered on this machine, with the Debian packages to install.
+    Raises MissingDependency where nothing can be rendered on this machine, with the Debian packages
+    to install. Tests pass their own `execute` in place of `subprocess.run`.
     """
     from data_prep.rendering.opengl import REMEDY, scene_values
 
@@ -201,7 +239,7 @@ def environment(
 
 
 def main(find_renderer: Callable[[], str] | None = None) -> None:
-    """Print the environment, or the reason why nothing can be rendered."""
+    """Print the environment as JSON, or the reason why nothing can be rendered."""
     from data_prep.rendering import opengl
 
     try:
@@ -217,14 +255,17 @@ def main(find_renderer: Callable[[], str] | None = None) -> None:
 
 
 def code_sha256(names: Iterable[str], root: Path = ROOT) -> str:
-    """Return a checksum of all code, names included, in these folders and files below `root`."""
-    files = sorted(
-        path
-        for name in names
-        for path in (root / name, *(root / name).rglob("*"))
-        if path.suffix in SUFFIXES
-    )
-    lines = (f"{f.relative_to(root)} {sha256(f.read_bytes()).hexdigest()}" for f in files)
+    """Return a checksum of the names and contents of all files of code.
+
+    names  the folders and files below `root` that are searched
+    """
+    files: list[Path] = []
+    for name in names:
+        paths = (root / name, *(root / name).rglob("*"))
+        files += [path for path in paths if path.suffix in SUFFIXES]
+    lines = []
+    for path in sorted(files):
+        lines.append(f"{path.relative_to(root)} {sha256(path.read_bytes()).hexdigest()}")
     return sha256("\n".join(lines).encode()).hexdigest()
 
 

@@ -1,7 +1,7 @@
-"""The inputs of a run as a dataset of files that can be cited and read back (`exported:PATH`).
+"""The inputs of a run as a dataset of files, which can be cited and read back (`exported:PATH`).
 
-The layout is that of `data_prep.datasets.exported`. Clouds, views and true images are made by the
-jobs of the run's plan, so that a run on the files has the same inputs to the last bit.
+The layout is that of `data_prep.datasets.exported`. Clouds, views and true images are made from the
+jobs of the run's plan, so that a run on the exported files has the same inputs to the last bit.
 """
 
 from __future__ import annotations
@@ -44,33 +44,45 @@ from data_prep.files.clouds import save_ply
 from data_prep.progress import progress
 from data_prep.scene import Mesh, UInt8Images
 
-_CROISSANT = Path(__file__).with_name("croissant.json")  # what all exports have; null is filled in
+# The metadata that all exports share, in the form of Croissant; each null in it is replaced.
+_CROISSANT = Path(__file__).with_name("croissant.json")
+# What each list of files says about itself in the metadata.
 _ABOUT = {
     OBJECTS: "The objects and their meshes.",
     CLOUDS: "The clouds that methods get: float32 coordinates in the unit sphere, +Y up, front -Z.",
     VIEWS: "True images, 128 x 128 RGB on white, with azimuth and elevation in degrees.",
 }
+# The types of the columns of the lists; all others are text.
 _TYPES = {
-    **dict.fromkeys(("protocol", "seed", "points", "view"), "sc:Integer"),
-    **dict.fromkeys(("azimuth_deg", "elevation_deg"), "sc:Float"),
+    "protocol": "sc:Integer",
+    "seed": "sc:Integer",
+    "points": "sc:Integer",
+    "view": "sc:Integer",
+    "azimuth_deg": "sc:Float",
+    "elevation_deg": "sc:Float",
 }
-Task = tuple[Path, str, ObjectJobs]  # the folder, the object's name in it, and its jobs
-Rows = dict[str, list[tuple[Any, ...]]]  # by list, without class and object
+Task = tuple[Path, str, ObjectJobs]  # the new folder, the object's path in it, and its jobs
+# The rows of an object in each list, by the list's file name, without the class and the object.
+Rows = dict[str, list[tuple[Any, ...]]]
 
 
 def export(options: Options, out: Path) -> int:
-    """Write the inputs of a run into a new folder, whole or not at all; return how many objects.
+    """Write the inputs of a run into a new folder, and return the number of objects.
 
-    The conditions are those of the options (default: of the suite; ("all",): all of ours), and
-    the unperturbed cloud in any case. Raises BadInput and CannotWrite.
+    The folder is written whole or not at all. It has clouds under the conditions of the options (by
+    default those of the suite; ("all",) stands for all of our own), and the unperturbed cloud in
+    any case. Raises BadInput for a folder that is there already and for objects that cannot be
+    exported, and CannotWrite.
     """
     if out.exists():
         raise BadInput(f"{out}: is there already; give a new folder with --out")
     suite = find(options.suite, SUITES, "suite")
     named = options.conditions or suite.conditions
-    every = tuple(condition.id for condition in CONDITIONS)
-    conditions = tuple(dict.fromkeys((UNPERTURBED, *(every if named == (ALL,) else named))))
-    asked = replace(options, methods=(FLOOR,), conditions=conditions, fresh=True)  # no folder
+    if named == (ALL,):
+        named = tuple(condition.id for condition in CONDITIONS)
+    conditions = tuple(dict.fromkeys((UNPERTURBED, *named)))
+    # A protocol needs a method, whichever it is; `fresh`, because no run's folder is looked at.
+    asked = replace(options, methods=(FLOOR,), conditions=conditions, fresh=True)
     protocol = Protocol.from_options(asked)
     objects = plan(protocol)
     try:
@@ -82,10 +94,11 @@ def export(options: Options, out: Path) -> int:
 
 
 def _fill(folder: Path, protocol: Protocol, objects: Iterable[ObjectJobs], workers: int) -> None:
-    tasks = [
-        (folder, f"{obj.truth.object.class_name}/{i:05d}", obj) for i, obj in enumerate(objects)
-    ]
-    rows_of: dict[str, Rows] = {}
+    """Write the files of all objects in worker processes, then the lists and the metadata."""
+    tasks: list[Task] = []
+    for number, obj in enumerate(objects):
+        tasks.append((folder, f"{obj.truth.object.class_name}/{number:05d}", obj))
+    rows_of: dict[str, Rows] = {}  # of each object, by its path in the folder
     with progress("objects", len(tasks)) as advance:
         for (_, place, obj), rows in run_tasks(tasks, _write, workers, protocol.suite.limits):
             if isinstance(rows, WorkerFailure):
@@ -96,18 +109,22 @@ def _fill(folder: Path, protocol: Protocol, objects: Iterable[ObjectJobs], worke
         text = io.StringIO()
         writer = csv.writer(text, lineterminator="\n")
         writer.writerow(columns)
-        run = (PROTOCOL_VERSION, protocol.seed, protocol.dataset) if name == OBJECTS else ()
+        of_run: tuple[Any, ...] = ()  # what the list of objects has in each row about the run
+        if name == OBJECTS:
+            of_run = (PROTOCOL_VERSION, protocol.seed, protocol.dataset)
         for _, place, obj in tasks:
-            writer.writerows((*obj.truth.name.object, *run, *row) for row in rows_of[place][name])
+            for row in rows_of[place][name]:
+                writer.writerow((*obj.truth.name.object, *of_run, *row))
         write_whole(folder / name, text.getvalue().encode())
     text = json.dumps(_metadata(folder, protocol), indent=2, ensure_ascii=False) + "\n"
     write_whole(folder / METADATA, text.encode())
 
 
 def _write(task: Task) -> Rows:
-    """Write the files of an object, in a worker, and return their rows."""
+    """Write the files of an object, and return its rows in the lists. Runs in a worker process."""
     root, place, jobs = task
-    rows: Rows = {OBJECTS: [("", "")], CLOUDS: [], VIEWS: []}
+    without_mesh = ("", "")  # neither a file nor a checksum
+    rows: Rows = {OBJECTS: [without_mesh], CLOUDS: [], VIEWS: []}
     obj, views = jobs.truth.object, jobs.truth.views
 
     def with_checksum(name: str) -> tuple[str, str]:
@@ -120,7 +137,7 @@ def _write(task: Task) -> Rows:
     for job in jobs.method_jobs:
         try:
             points = cloud_under(job, job.condition).points
-        except StageFailure as error:  # of a condition of another package
+        except StageFailure as error:  # raised by a condition of another package
             raise BadInput(f"{obj.object_id}: {error}; leave that condition out") from error
         name = f"clouds/{place}/{job.condition}.ply"
         save_ply(points, root / name)
@@ -134,6 +151,7 @@ def _write(task: Task) -> Rows:
 
 
 def _ply(mesh: Mesh) -> bytes:
+    """Return a mesh as the bytes of a PLY file with a colour for each face."""
     import trimesh
 
     colors: Any = mesh.face_colors
@@ -143,6 +161,7 @@ def _ply(mesh: Mesh) -> bytes:
 
 
 def _png(image: UInt8Images) -> bytes:
+    """Return an image [H, W, 3] as the bytes of a PNG file."""
     from PIL import Image
 
     buffer = io.BytesIO()
@@ -151,11 +170,11 @@ def _png(image: UInt8Images) -> bytes:
 
 
 def _metadata(folder: Path, protocol: Protocol) -> dict[str, Any]:
-    """Return the JSON-LD of an export whose other files are there."""
+    """Return the metadata (JSON-LD) of an export, whose other files have been written."""
     lists = {name: file_sha256(folder / name) for name in COLUMNS}
-    suite = protocol.suite.id + f"-truth-{protocol.suite.truth}" * (
-        protocol.suite.truth != COLOURED
-    )
+    suite = protocol.suite.id
+    if protocol.suite.truth != COLOURED:
+        suite += f"-truth-{protocol.suite.truth}"
     described = json.loads(_CROISSANT.read_text(encoding="utf-8")) | {
         "name": f"pc2pix-bench-{suite}",
         "description": (
@@ -173,10 +192,12 @@ def _metadata(folder: Path, protocol: Protocol) -> dict[str, Any]:
         described["license"] = "https://spdx.org/licenses/MIT.html"
 
     def list_file(name: str) -> dict[str, Any]:
+        """Return the metadata of a list as a file."""
         file = {"@type": "cr:FileObject", "@id": name, "name": name, "description": _ABOUT[name]}
         return file | {"contentUrl": name, "encodingFormat": "text/csv", "sha256": lists[name]}
 
     def records(name: str) -> dict[str, Any]:
+        """Return the metadata of the rows of a list, with the type of each column."""
         title = name.removesuffix(".csv")
         fields = [
             {

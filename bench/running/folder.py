@@ -1,13 +1,14 @@
 """The run that a folder holds, and whether a request belongs to it.
 
-A folder holds one request. The same command goes on with it, and it grows in two ways: by more
-objects (a larger `--limit`) and by more methods (`bench add`). Its manifest and tables stay those
-of before until a run that grows has all their objects; so a run that is stopped, or killed, leaves
-them as they were.
+A folder holds one request. The same command goes on with the run, which can grow in two ways: by
+more objects (a larger `--limit`) and by more methods (`bench add`). While a run grows, the manifest
+and the tables of before stay until all objects of these tables are complete again. So they are as
+they were when the run is stopped or killed before that.
 """
 
 from __future__ import annotations
 
+from collections import Counter
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field, replace
 from pathlib import Path
@@ -32,7 +33,8 @@ from data_prep.failures import BadInput
 from data_prep.progress import log
 
 APART = "give --out for a run of its own, or --fresh to start over"
-NOT_LOADED = "of a module that this command does not name"  # source of such a method
+# The source of a method MODULE:NAME that is known from the manifest only, without its module.
+NOT_LOADED = "of a module that this command does not name"
 
 
 @dataclass(frozen=True)
@@ -40,27 +42,32 @@ class HeldRun:
     """The run that a folder holds before this one begins; empty where it holds none."""
 
     manifest: Mapping[str, Any] = field(default_factory=dict)
-    tabled: frozenset[str] = frozenset()  # the objects ("class/name") of the tables there
-    is_emptied: bool = False  # its store has no job any more
+    tabled: frozenset[str] = frozenset()  # the objects ("class/name") in the tables of the folder
+    is_emptied: bool = False  # whether there are tables, but no finished job in the store any more
 
 
 def read_held(directory: Path, asked: Protocol) -> HeldRun:
-    """Return the run in a folder. Raises BadInput for a folder with something else."""
+    """Return the run that a folder holds.
+
+    Raises BadInput for a folder of another suite, dataset, number of views, seed or device, and for
+    one that holds something else than a run.
+    """
     manifest = check_directory(directory, asked.fixed)
     if not manifest:
         return HeldRun()
     with open_store(directory) as store:
         if not manifest.get("finished") and not store.has_list:
-            return HeldRun(manifest)  # it was stopped before it had tables
+            return HeldRun(manifest)  # the run was stopped before it had tables
         return HeldRun(manifest, frozenset(manifest["objects"]), store.is_empty)
 
 
 def protocol_in_folder(asked: Protocol, held: HeldRun, options: Options) -> Protocol:
-    """Return the protocol of a run in its folder: as asked, or for `bench add` with what is there.
+    """Return the protocol that a run has in its folder.
 
-    Lines on stderr say why finished jobs are done again. Raises BadInput where the folder holds
-    another request, with what differs, and for `bench add` where a part of the run there is not
-    known here.
+    It is the one that is asked for; `bench add` adds the methods and objects of the run in the
+    folder. Lines on stderr say why finished jobs are done again. Raises BadInput where the folder
+    holds another request, with what differs; for `bench add` where a method, a condition or an
+    object of the run in the folder is not known here.
     """
     if not held.manifest:
         return asked
@@ -76,6 +83,7 @@ def protocol_in_folder(asked: Protocol, held: HeldRun, options: Options) -> Prot
 
 
 def _tell_done_again(asked: Protocol, held: HeldRun, directory: Path) -> None:
+    """Say on stderr why all finished jobs of the folder are done again, where they are."""
     was = {**held.manifest["environment"], **held.manifest["feature_identity"]}
     now = {**asked.environment, **asked.feature_identity}
     if changed := [name for name in {**was, **now} if was.get(name) != now.get(name)]:
@@ -85,12 +93,12 @@ def _tell_done_again(asked: Protocol, held: HeldRun, directory: Path) -> None:
 
 
 def stated_request(options: Options, protocol: Protocol, held: HeldRun) -> dict[str, Any]:
-    """Return the options that repeat a run, also those that were left to defaults."""
+    """Return the options that repeat a run, with the values of those that were left to defaults."""
     if options.adds:
         limit = held.manifest["request"].get("limit")
     else:
-        classes = [obj.class_name for obj in protocol.objects]
-        limit = max(map(classes.count, {*classes}))
+        objects_by_class = Counter(obj.class_name for obj in protocol.objects)
+        limit = max(objects_by_class.values())
     stated = {
         **options.request,
         "methods": [method.address for method in protocol.methods.values()],
@@ -103,12 +111,15 @@ def stated_request(options: Options, protocol: Protocol, held: HeldRun) -> dict[
 
 
 def planned_objects(options: Options, protocol: Protocol, held: HeldRun) -> int:
-    """Return how many objects the run is to have: a stopped run keeps its number in `bench add`."""
+    """Return how many objects the run is to have.
+
+    `bench add` keeps the number of the run in the folder, which may have been stopped before it.
+    """
     return held.manifest["planned"] if options.adds else len(protocol.objects)
 
 
 def _refuse_other_names(asked: Protocol, held: HeldRun, directory: Path) -> None:
-    """Refuse other methods and conditions than those of the run in the folder."""
+    """Raise BadInput for other methods or conditions than those of the run in the folder."""
     for kind, here in (("methods", asked.methods), ("conditions", asked.conditions)):
         names = held.manifest[kind]
         lacking = [name for name in names if name not in here]
@@ -126,7 +137,7 @@ def _refuse_other_names(asked: Protocol, held: HeldRun, directory: Path) -> None
 
 
 def _refuse_other_objects(asked: Protocol, held: HeldRun, directory: Path) -> None:
-    """Refuse fewer objects than those of the run in the folder, and others."""
+    """Raise BadInput where an object of the run in the folder is not asked for."""
     planned, names = held.manifest["planned"], {*asked.names}
     lacking = [name for name in held.manifest["objects"] if name not in names]
     if len(names) < planned:
@@ -142,7 +153,7 @@ def _refuse_other_objects(asked: Protocol, held: HeldRun, directory: Path) -> No
 
 
 def _with_added(asked: Protocol, held: HeldRun, directory: Path) -> Protocol:
-    """Return the protocol of the run in a folder with the methods that are asked for."""
+    """Return the protocol of the run in a folder, to which the methods asked for are added."""
     kept = _methods_there(directory, asked, held.manifest)
     order = dict.fromkeys((*held.manifest["methods"], *asked.methods))
     methods = {**kept, **asked.methods}
@@ -156,7 +167,10 @@ def _with_added(asked: Protocol, held: HeldRun, directory: Path) -> Protocol:
 def _objects_there(
     directory: Path, asked: Protocol, manifest: Mapping[str, Any]
 ) -> tuple[SceneObject, ...]:
-    """Return the objects of the run in a folder, as the dataset orders them; refuse lost ones."""
+    """Return the objects of the run in a folder, in the order of the dataset.
+
+    Raises BadInput where the dataset has lost one of them.
+    """
     wanted = {*manifest["objects"]}
     dataset = open_dataset(asked.dataset)
     objects = find_objects(asked.suite, dataset, wanted, objects_to_search(manifest))
@@ -171,10 +185,11 @@ def _objects_there(
 def _methods_there(
     directory: Path, asked: Protocol, manifest: Mapping[str, Any]
 ) -> dict[str, Method]:
-    """Return the methods of the run in a folder beside those that are asked for, by id.
+    """Return the methods of the run in a folder, except those that are asked for, by id.
 
-    A method MODULE:NAME is known by its identity alone: its finished jobs stay, and nothing is
-    executed because a manifest names it. What is not known or cannot be used here is refused.
+    Of a method MODULE:NAME only the identity in the manifest is used: no code is executed because a
+    manifest names it, and the method's finished jobs stay. Raises BadInput for other methods and
+    conditions that are not known here, and for weights that cannot be used.
     """
     methods: dict[str, Method] = {}
     try:
@@ -189,7 +204,7 @@ def _methods_there(
         for condition in manifest["conditions"]:
             find_condition(condition)
     except BadInput as error:
-        # The list of all known names would hide the remedy.
+        # An unknown name is refused with a list of all known names, which would hide the remedy.
         reason = str(error).partition(": ")[0] if str(error).startswith("unknown") else str(error)
         raise BadInput(
             f"{directory}: its run cannot be kept here: {reason}; install what is missing, {APART}"
@@ -198,11 +213,12 @@ def _methods_there(
 
 
 def _known_by_identity(name: str, identity: Sequence[Any]) -> Method:
-    """Return a method MODULE:NAME by its entry in a manifest, without executing its module."""
+    """Return a method MODULE:NAME as its entry in a manifest describes it, without its module."""
     version, text, _ = identity
     return Method(
         name,
-        load=lambda device: find_method(name).load(device),  # which refuses it
+        # No job of this method is drawn; if one were, `find_method` would refuse the name.
+        load=lambda device: find_method(name).load(device),
         identity=lambda: str(text),
         version=int(version),
         source=NOT_LOADED,

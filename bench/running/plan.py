@@ -1,7 +1,7 @@
-"""The plan of a run: all its jobs with the key of each, and their order, within a budget.
+"""The plan of a run: its jobs, the key of each, and the order in which a budget lets them begin.
 
-All methods and conditions of an object come before the next object, so that a run that is stopped
-has complete objects.
+All jobs of an object come before those of the next object, so that a run that is stopped has
+complete objects: each has the images of all methods under all conditions.
 """
 
 from __future__ import annotations
@@ -30,20 +30,24 @@ from data_prep.failures import BadInput
 from data_prep.randomness import generator
 from data_prep.scene import View
 
-SCORES_VERSION = 2  # raise when a change alters a score
-_UNITS_S = {"s": 1, "m": 60, "h": 3600}
-# Seconds that a run takes beside its jobs: to start the workers and load the weights, and for
-# tables, figures and report at its end, which grow with the objects. From the default suite on two
-# cores, and rather too much than too little.
-START_S, END_S, END_OF_OBJECT_S = 8.0, 12.0, 1.2
-_JOB_S = 0.6  # of a worker for a job, in the mean of the default suite
+# The version of all scores, in the key of every job: raise it when a change alters a score, and
+# finished jobs are done again.
+SCORES_VERSION = 2
+_UNITS_S = {"s": 1, "m": 60, "h": 3600}  # the seconds of each unit of time that `--budget` takes
+# Seconds that a run takes beside its jobs, by the default suite on two cores, and rather too much
+# than too little.
+START_S = 8.0  # to start the workers and to load the weights
+END_S = 12.0  # to write tables, figures and report, whatever the number of objects
+END_OF_OBJECT_S = 1.2  # for each object more in the tables, figures and report
+_JOB_S = 0.6  # seconds that a worker takes for a job: the mean over the default suite
 
 
 @dataclass(frozen=True)
 class ObjectJobs:
-    """The jobs of an object: the ground truth, and those of the methods, one for each condition.
+    """The jobs of an object: its ground truth, and every method under every condition.
 
-    Jobs that are the same under every condition share a key: the first stands for all of them.
+    A method that does not look at the cloud draws the same under every condition. Its jobs have one
+    key, and only the first of them is done.
     """
 
     truth: Job
@@ -51,17 +55,20 @@ class ObjectJobs:
 
     @property
     def name(self) -> str:
-        """Return class and name, as in the manifest."""
+        """Return class and name of the object, as the manifest has them."""
         return name_of(self.truth.object)
 
     @property
     def listed(self) -> tuple[Job, ...]:
-        """Return the ground truth and the jobs of all cells, of which some may be one job."""
+        """Return the ground truth and a job for each method and condition.
+
+        Jobs that are the same under every condition are repeated.
+        """
         return (self.truth, *self.method_jobs)
 
     @property
     def jobs(self) -> tuple[Job, ...]:
-        """Return each job once, the ground truth first."""
+        """Return each job that has to be done once, the ground truth first."""
         unique: dict[str, Job] = {}
         for job in self.method_jobs:
             unique.setdefault(job.key, job)
@@ -72,12 +79,14 @@ class ObjectJobs:
 class Plan:
     """All jobs of a run, object by object in the order of its files.
 
-    The jobs of an object are made when they are asked for, and nothing of them is kept: a run may
-    have millions. A mesh is read for them, since its checksum is part of their keys.
+    The jobs of an object are made anew each time they are asked for, because a run may have
+    millions of them, more than memory holds. Making them reads the object's mesh, whose checksum is
+    part of their keys.
     """
 
     protocol: Protocol
-    objects: Mapping[str, SceneObject]  # as they are drawn, by class and name as in the manifest
+    # The objects as they are drawn (perhaps in grey) by class and name as the manifest has them.
+    objects: Mapping[str, SceneObject]
     conditions: tuple[Condition, ...]
 
     def __len__(self) -> int:
@@ -91,14 +100,21 @@ class Plan:
 
     @property
     def names(self) -> list[str]:
-        """Return class and name of each object, as in the manifest."""
+        """Return class and name of each object, as the manifest has them."""
         return list(self.objects)
 
     @property
     def jobs_per_object(self) -> int:
-        """Return how many jobs each object has: one is done for all conditions of some methods."""
-        methods = self.protocol.methods.values()
-        return 1 + sum(len(self.conditions) if method.sees_cloud else 1 for method in methods)
+        """Return how many jobs have to be done for each object, its ground truth included.
+
+        A method has one job for each condition, or a single job where it does not look at the
+        cloud.
+        """
+        ground_truth = 1
+        count = ground_truth
+        for method in self.protocol.methods.values():
+            count += len(self.conditions) if method.sees_cloud else 1
+        return count
 
     @property
     def method_jobs(self) -> Iterator[Job]:
@@ -107,11 +123,11 @@ class Plan:
 
     @property
     def jobs(self) -> Iterator[Job]:
-        """Yield each job once, object by object."""
+        """Yield each job that has to be done once, object by object."""
         return (job for obj in self for job in obj.jobs)
 
     def jobs_of(self, name: str) -> ObjectJobs:
-        """Return the jobs of an object."""
+        """Return the jobs of the object with this class and name."""
         protocol, suite, obj = self.protocol, self.protocol.suite.id, self.objects[name]
         views = views_of(obj, protocol.views, protocol.seed)
         identity = _object_identity(protocol, obj, views)
@@ -130,11 +146,12 @@ class Plan:
         )
 
         def job(condition: Condition, method: Method) -> Job:
-            cloud, change, named = condition.id, condition.perturbation, condition.key
-            if not method.sees_cloud:  # nothing that its key does not name may decide
-                cloud, change, named = UNPERTURBED, Unchanged(), repr(Unchanged())
-            version = protocol.identities[method.id]
-            depends = [suite, method.id, cloud, identity, version, named, SCORES_VERSION]
+            cloud, change, change_key = condition.id, condition.perturbation, condition.key
+            if not method.sees_cloud:
+                # One job stands for all conditions, so neither its key nor its cloud names one.
+                cloud, change, change_key = UNPERTURBED, Unchanged(), repr(Unchanged())
+            method_key = protocol.identities[method.id]
+            depends = [suite, method.id, cloud, identity, method_key, change_key, SCORES_VERSION]
             if method.images is not None and isinstance(obj, ExportedObject):
                 claims = method.images.claims
                 checksum = method.images.checksum(condition.id, obj, len(views))
@@ -149,20 +166,21 @@ class Plan:
                 reference_key=truth.key,
             )
 
-        cells = product(self.conditions, protocol.methods.values())
-        return ObjectJobs(truth, tuple(starmap(job, cells)))
+        pairs = product(self.conditions, protocol.methods.values())
+        return ObjectJobs(truth, tuple(starmap(job, pairs)))
 
 
 def views_of(obj: SceneObject, count: int, seed: int) -> tuple[View, ...]:
-    """Return the views that a run with this seed has of an object."""
+    """Return the `count` views of an object in every run with this seed."""
     return obj.views(count, generator(seed, "views", obj.class_name, obj.object_id))
 
 
 def plan(protocol: Protocol) -> Plan:
-    """Return all jobs of a run, object by object; in grey where the truth of the suite is grey.
+    """Return the plan of all jobs of a run.
 
-    Raises BadInput for unknown conditions, for unusable weights, for objects that cannot be scored,
-    or not in grey, and for images of a method that are not of this run.
+    Where the suite has a grey truth, objects are drawn in grey. Raises BadInput for unknown
+    conditions, for weights that cannot be used, for objects without true images or without grey
+    ones, and for images drawn by others that do not belong to this run.
     """
     if bare := [obj for obj in protocol.objects if not obj.has_truth]:
         raise BadInput(
@@ -188,6 +206,7 @@ def plan(protocol: Protocol) -> Plan:
 
 
 def _in_grey(protocol: Protocol) -> Iterator[SceneObject]:
+    """Yield the objects of a run as they are drawn in grey. Raises BadInput where one cannot be."""
     suite = f"{protocol.suite.id} --truth grey"
     for obj in protocol.objects:
         what = f"{protocol.dataset}: {name_of(obj)}"
@@ -201,11 +220,11 @@ def _in_grey(protocol: Protocol) -> Iterator[SceneObject]:
         elif not obj.in_grey:
             raise BadInput(f"{what} was exported in colour; export it again with --suite {suite}")
         else:
-            yield obj  # its images are as they were exported
+            yield obj  # its true images were exported in grey
 
 
 def _object_identity(protocol: Protocol, obj: SceneObject, views: Sequence[View]) -> list[Any]:
-    """Return everything that the images of an object depend on, whatever draws them."""
+    """Return everything that all images of an object depend on, whichever method draws them."""
     return [
         RECORDS_VERSION,
         PROCEDURAL_VERSION,
@@ -220,12 +239,15 @@ def _object_identity(protocol: Protocol, obj: SceneObject, views: Sequence[View]
 
 
 def digest(identity: Sequence[Any]) -> str:
-    """Return a key that names everything in `identity`."""
+    """Return a job's key: the SHA-256 checksum of everything that its result depends on."""
     return hashlib.sha256(json.dumps(identity).encode()).hexdigest()
 
 
 def seconds_of(text: str, option: str = "--budget") -> float:
-    """Return the seconds of a time like "90s", "2m" or "1.5h". Raises BadInput for other texts."""
+    """Return the seconds of a time like "90s", "2m" or "1.5h".
+
+    Raises BadInput for any other text, which names the option.
+    """
     match = re.fullmatch(r"([0-9]{1,9}(?:\.[0-9]{1,9})?)([smh])", text.strip())
     seconds = float(match[1]) * _UNITS_S[match[2]] if match else 0.0
     if not seconds:
@@ -234,21 +256,24 @@ def seconds_of(text: str, option: str = "--budget") -> float:
 
 
 def guess_s(jobs: int, workers: int) -> float:
-    """Return the seconds that an object of so many jobs is expected to take."""
+    """Return the seconds that an object is expected to take, by its number of jobs."""
     return jobs * _JOB_S / workers
 
 
 def end_s(objects: int) -> float:
-    """Return the seconds for the tables, figures and report of so many objects."""
+    """Return the seconds that tables, figures and report are expected to take.
+
+    objects  the number of objects in them
+    """
     return END_S + END_OF_OBJECT_S * objects
 
 
 def seeded_turns(names: Iterable[str], seed: int) -> list[str]:
-    """Return objects "class/name" in turns: one of each class, another of each...
+    """Return the objects ("class/name") in the order of their start: in turn one of each class.
 
-    Within a class they come in an order that depends on the seed and on their names alone, so that
-    it says nothing about results, and neither more objects nor an earlier start change the order of
-    the others. Classes keep their order.
+    The order within a class depends on the seed and on the names alone. So the objects of a run
+    that is stopped early are a random sample, and the order of the others stays the same when
+    objects are added or a run is started again. Classes keep their order.
     """
     by_class: dict[str, list[str]] = {}
     for name in names:
@@ -261,19 +286,22 @@ def seeded_turns(names: Iterable[str], seed: int) -> list[str]:
 
 @dataclass
 class Budget:
-    """A time limit of a run, from now: whether to begin another object, when to end those begun."""
+    """The time limit of a run, which counts from when the budget is made.
 
-    seconds: float | None = None  # of the whole run, tables included; None for no limit
-    guess_s: float = 0.0  # for an object, as long as none has been done
+    It decides whether another object is begun, and when the jobs under way are stopped.
+    """
+
+    seconds: float | None = None  # for the whole run with its tables; None for no limit
+    guess_s: float = 0.0  # the expected seconds of an object, used until one is complete
     clock: Callable[[], float] = time.monotonic
-    _costs: list[float] = field(default_factory=list)
-    _last: float | None = None  # when an object was complete, at first when a job was
+    _costs: list[float] = field(default_factory=list)  # the seconds that each object has taken
+    _last: float | None = None  # when the last object was complete; at first when a job had ended
 
     def __post_init__(self) -> None:
         self._begun = self.clock()
 
     def check(self) -> None:
-        """Raise BadInput where not even one object would fit."""
+        """Raise BadInput where the time is too short for one object with its tables."""
         shortest = math.ceil(START_S + self.guess_s + end_s(1))
         if self.seconds is not None and self.seconds < shortest:
             raise BadInput(
@@ -282,7 +310,7 @@ class Budget:
             )
 
     def note(self, complete: bool) -> None:
-        """Note that a job has ended, and with it an object if `complete`."""
+        """Note that a job has ended; `complete` says whether its object is complete by it."""
         now = self.clock()
         if self._last is None:
             self._last = now
@@ -291,7 +319,11 @@ class Budget:
             self._last = now
 
     def allows(self, complete: int, under_way: float) -> bool:
-        """Return whether to begin another object, with so many complete and so many under way."""
+        """Return whether there is time for another object.
+
+        complete   the number of complete objects
+        under_way  the number of objects begun; each counts by the part of its jobs that is left
+        """
         if self.seconds is None:
             return True
         cost = max(self._costs, default=self.guess_s)
@@ -299,17 +331,21 @@ class Budget:
         return self.clock() - self._begun + needed <= self.seconds
 
     def left_s(self, complete: int) -> float | None:
-        """Return how long jobs may go on, with so many objects complete; None without a limit."""
+        """Return how many seconds jobs may still go on; None without a limit.
+
+        Time is set aside for the tables of the `complete` objects, where there are any.
+        """
         if self.seconds is None:
             return None
-        end = end_s(complete) if complete else 0.0  # else there are no tables
+        end = end_s(complete) if complete else 0.0
         return self._begun + self.seconds - end - self.clock()
 
 
 def settled(obj: ObjectJobs, store: Store) -> dict[str, Result]:
-    """Return the results of an object's jobs that need not be done any more, by key.
+    """Return the results of those jobs of an object that need not be done any more, by key.
 
-    Where its ground truth has failed, that is all of them.
+    Where the ground truth of the object has failed, no job need be done: there is nothing to score
+    images against, and all jobs have failed.
     """
     results = store.find([job.key for job in obj.jobs])
     truth = results.get(obj.truth.key)
@@ -320,38 +356,43 @@ def settled(obj: ObjectJobs, store: Store) -> dict[str, Result]:
 
 @dataclass
 class _UnderWay:
-    """An object whose jobs are being done, and those that have not ended, by key."""
+    """An object whose jobs are being done."""
 
     jobs: ObjectJobs
-    open: dict[str, Job]
-    has_truth: bool
-    truth_sent: bool = False
+    open: dict[str, Job]  # the jobs that have not ended, by key
+    has_truth: bool  # whether the ground truth has been drawn
+    truth_sent: bool = False  # whether the job of the ground truth has been given out
 
 
 class Schedule:
     """The jobs of a run in the order of their start, and how far the run has come.
 
-    In memory are the objects under way and the names of those that are complete. An object whose
+    Only the objects under way and the names of the complete ones are in memory. An object whose
     ground truth has failed is complete: there is nothing to score, and all its jobs have failed.
+
+    order  the names of the objects, in the order of their start
+    ahead  for how many objects the ground truth is drawn before their other jobs begin: as many as
+           idle workers could begin
     """
 
     def __init__(
         self, planned: Plan, store: Store, budget: Budget, order: Sequence[str], ahead: int = 1
     ) -> None:
-        # `order` has the names of the objects in the order of their start. So many objects have
-        # their ground truths drawn `ahead` of their jobs: those that idle workers could begin.
         self.plan, self._store, self._budget = planned, store, budget
         self._order, self._ahead = order, ahead
         self._under_way: dict[str, _UnderWay] = {}
-        self._object_of: dict[str, _UnderWay] = {}  # by the keys of the open jobs
-        # The objects whose jobs have all ended, by name: whether they have a ground truth.
+        self._object_of: dict[str, _UnderWay] = {}  # the object of each open job, by the job's key
+        # For each object whose jobs have all ended, by name, whether its ground truth was drawn.
         self.complete: dict[str, bool] = {}
-        self.failures = 0  # jobs that have ended without images
-        self.undrawn = ""  # why the first ground truth that failed could not be drawn
-        self.working: set[str] = set()  # the methods with an image, and GROUND_TRUTH
-        self.timing = defaultdict[str, float](float)  # seconds of the jobs of this start
-        self.environments = Counter[str]()  # that jobs from before were made in, as in the store
-        # Jobs of the run, and jobs to be done, if there were no budget.
+        self.failures = 0  # how many jobs have ended without images
+        self.undrawn = ""  # the reason of the first ground truth that failed; "" where none has
+        self.working: set[str] = set()  # the methods, or GROUND_TRUTH, that have given images
+        # The seconds that workers have spent on each part of their jobs since this start.
+        self.timing = defaultdict[str, float](float)
+        # The number of finished jobs from before by the environment that they were made in, which
+        # is a text as in the store.
+        self.environments = Counter[str]()
+        # All jobs of the run, and those that are left to be done; a budget may leave some undone.
         self.total = self.left = len(planned) * planned.jobs_per_object
         for obj in () if store.is_empty else map(planned.jobs_of, order):
             results = settled(obj, store)
@@ -362,13 +403,14 @@ class Schedule:
 
     @property
     def scored(self) -> int:
-        """Return how many complete objects have a ground truth."""
+        """Return how many complete objects have true images, which methods are scored against."""
         return sum(self.complete.values())
 
     def jobs(self) -> Iterator[Job | None]:
-        """Yield the jobs to be done; None where the next job waits for a ground truth.
+        """Yield the jobs to be done; None where the next job has to wait for a ground truth.
 
-        They end where the budget does not allow another object. The first object is always begun.
+        The jobs end where the budget does not allow another object. The first object is always
+        begun.
         """
         rest = (self.plan.jobs_of(name) for name in self._order if name not in self.complete)
         coming = deque(islice(rest, 1))
@@ -383,7 +425,8 @@ class Schedule:
                 return
             begun.append(obj.name)
             coming.extend(islice(rest, self._ahead - len(coming)))
-            # Ground truths are drawn ahead: nothing waits for one but at the start.
+            # Ground truths are given out ahead of their objects, so that the jobs of an object need
+            # not wait for its ground truth, except for the first object.
             states = [self._begin(some) for some in (obj, *coming)]
             for state in states:
                 if not state.truth_sent and state.jobs.truth.key in state.open:
@@ -395,11 +438,14 @@ class Schedule:
             yield from [job for job in obj.jobs if job.key in is_open]
 
     def left_s(self) -> float | None:
-        """Return the seconds until what is under way is to be stopped; None without a budget."""
+        """Return the seconds until jobs under way are to be stopped; None without a budget."""
         return self._budget.left_s(len(self.complete))
 
     def take(self, result: Result) -> bool:
-        """Note the result of a job, and return whether its object is complete by it."""
+        """Note the result of a job, and return whether its object is complete now.
+
+        Where a ground truth has failed, all other jobs of its object have failed, too.
+        """
         for part, seconds in result.timing.items():
             self.timing[part] += seconds
         state = self._object_of.pop(result.key)
@@ -407,7 +453,8 @@ class Schedule:
         if result.key == obj.truth.key:
             state.has_truth = result.has_images
             if not result.has_images:
-                ended |= {k: failed(job, result.reason) for k, job in state.open.items()} | ended
+                others = {key: job for key, job in state.open.items() if key != result.key}
+                ended |= {key: failed(job, result.reason) for key, job in others.items()}
         self._note(obj, ended)
         for key in ended:
             del state.open[key]
@@ -419,17 +466,22 @@ class Schedule:
         return not state.open
 
     def _begin(self, obj: ObjectJobs) -> _UnderWay:
+        """Return an object as one that is under way, with its open jobs."""
         if obj.name not in self._under_way:
             done = self._store.find([job.key for job in obj.jobs])
             jobs = {job.key: job for job in obj.jobs if job.key not in done}
-            # A ground truth that has failed would have completed the object.
-            state = _UnderWay(obj, jobs, obj.truth.key in done)
+            # A finished ground truth has images: if it had failed, the object would be complete.
+            state = _UnderWay(obj, jobs, has_truth=obj.truth.key in done)
             self._under_way[obj.name] = state
             self._object_of |= dict.fromkeys(jobs, state)
         return self._under_way[obj.name]
 
     def _note(self, obj: ObjectJobs, results: Mapping[str, Result]) -> None:
-        """Count results, and store those of jobs that have failed for want of a ground truth."""
+        """Count the results of an object's jobs by success and failure.
+
+        The results of jobs that failed only because their ground truth did are stored here, since
+        no worker has done these jobs.
+        """
         for job in obj.jobs:
             if (result := results.get(job.key)) is None:
                 continue

@@ -1,8 +1,9 @@
-"""Tasks in killable worker processes: spawned, one library thread each, replaced now and then.
+"""Worker processes that do tasks, and can be killed.
 
-Native libraries hang, leak and crash (see CONTRIBUTING.md); such a task costs its own result and
-nothing else. Tasks are idempotent, and a result depends on nothing but the task: an executor may do
-a task twice, on any machine, in any order.
+Native libraries hang, leak and crash (see CONTRIBUTING.md). Here such a task costs its own result
+and nothing else: workers are fresh processes, killed where a task exceeds its limits, and replaced
+after some hundred tasks. Each computes with one thread. A result depends on nothing but the task,
+and a task can be done again, so that an executor may do it twice, on any machine, in any order.
 """
 
 from __future__ import annotations
@@ -36,7 +37,7 @@ from data_prep.failures import BadInput
 
 @contextmanager
 def library_threads(count: int) -> Iterator[None]:
-    """Compute on so many threads within the block; afterwards on as many as before."""
+    """Have libraries compute with so many threads within the block, and as before after it."""
     import torch
     from threadpoolctl import threadpool_limits
 
@@ -51,26 +52,29 @@ def library_threads(count: int) -> Iterator[None]:
 
 Task = TypeVar("Task")
 Result = TypeVar("Result")
-TASKS_PER_WORKER = 500  # then a fresh process, which ends every leak
-QUEUED = 2  # tasks for each worker, the one that it does and the next: there may be 10^5 in all
-START_S = 120.0  # for a worker to get ready, on a machine that swaps, too
-_MOST_BREAKS = 3  # workers lost before they were ready, one after the other
-_MOST_RESTING = 4  # workers, beyond those at work, that wait for further tasks of their company
+# The number of tasks after which a worker is replaced by a fresh process, which ends every leak.
+TASKS_PER_WORKER = 500
+# The tasks that an executor takes for each worker: the one under way, and the next, so that no
+# worker idles. The others, perhaps 10^5, are not even made until then.
+QUEUED = 2
+START_S = 120.0  # seconds that a worker may take to get ready, even on a machine that swaps
+_MOST_BREAKS = 3  # workers that may be lost, one after the other, before they were ready
+_MOST_RESTING = 4  # idle workers that are kept for further tasks of their group
 
 
 def thread_counts(threads: int) -> dict[str, str]:
-    """Return the environment in which libraries, when they are loaded, take so many threads."""
-    libraries = ("OMP", "OPENBLAS", "MKL", "NUMEXPR", "LP")  # the last is Mesa's rasteriser
+    """Return the environment variables by which libraries compute with so many threads."""
+    libraries = ("OMP", "OPENBLAS", "MKL", "NUMEXPR", "LP")  # LP is Mesa's rasteriser
     return {f"{library}_NUM_THREADS": str(threads) for library in libraries}
 
 
-# One thread a worker, so that no result depends on the number of workers: sums are taken in the
-# same order.
+# Each worker computes with one thread, so that sums are taken in the same order and no result
+# depends on the number of workers.
 WORKER_ENVIRONMENT = thread_counts(1) | {
     # MeshLab's APSS reads memory that it has not written: in about half of all processes some
     # vertices end up a rounding error away, and where the surface is ill-conditioned a spike more
-    # or less moves SSIM by 0.05. With glibc filling what it hands out (255 is a fill of zeros)
-    # and keeping no cache of freed blocks, every process reads the same.
+    # or less moves SSIM by 0.05. With these settings glibc fills the memory that it hands out (255
+    # stands for zeros) and keeps no cache of freed blocks, so that every process reads the same.
     "GLIBC_TUNABLES": "glibc.malloc.perturb=255:glibc.malloc.tcache_count=0",
 }
 
@@ -80,18 +84,18 @@ class Executor(Protocol):
 
     @property
     def capacity(self) -> int:
-        """Return how many tasks may be under way: just enough to keep all workers busy."""
+        """Return how many tasks may be under way, which is just enough to keep all workers busy."""
         ...
 
     def submit(self, task: Any, /) -> None:
         """Start a task."""
 
     def wait_any(self, timeout_s: float | None, /) -> Iterator[Any]:
-        """Wait until tasks have ended, and yield their results; perhaps none, after `timeout_s`."""
+        """Wait until tasks have ended, and yield their results; none after `timeout_s` seconds."""
         ...
 
     def close(self) -> None:
-        """Stop all tasks at once, and let go of all workers."""
+        """Stop all tasks at once, and end all workers."""
 
 
 def submit_all(
@@ -99,10 +103,11 @@ def submit_all(
     executor: Executor,
     left_s: Callable[[], float | None] = lambda: None,
 ) -> Generator[Any, None, None]:
-    """Do tasks as the executor has capacity, and yield each result as it comes.
+    """Do tasks as far as the executor has capacity, and yield each result as it comes.
 
-    A None in `tasks` means: wait until one running task has finished. When `left_s` gives zero or
-    less, tasks that are under way are left to the executor's end.
+    tasks   the tasks; where it gives None, a task under way has to end before it is asked again
+    left_s  returns the seconds that are left, None for no limit; where that is zero or less,
+            nothing more is yielded, and tasks under way go on until the executor is closed
     """
     queue, under_way = iter(tasks), 0
     while (seconds := left_s()) is None or seconds > 0:
@@ -120,35 +125,40 @@ def submit_all(
 
 @dataclass(frozen=True)
 class WorkerFailure:
-    """A task whose worker had to be killed, or died, after so many seconds; None if unknown."""
+    """The failure of a task whose worker had to be killed, or died."""
 
     kind: Literal["timeout", "memory", "crash"]
     detail: str
-    taken_s: float | None = field(default=None, compare=False)
+    taken_s: float | None = field(default=None, compare=False)  # seconds; None where unknown
 
     @property
     def reason(self) -> str:
-        """Return the reason in a record, as in "timeout: no result within 120 s"."""
+        """Return the reason as records have it, as in "timeout: no result within 120 s"."""
         return f"{self.kind}: {self.detail}"
 
 
 @dataclass
 class _Worker(Generic[Task]):
     process: WorkerProcess
-    company: str  # what its tasks have in common
-    deadline: float  # when to stop it, by the clock of its pool: for its start, then for each task
+    group: str  # the group of all its tasks
+    # When the worker is stopped, by the clock of its pool, because it is not ready or because it
+    # has no result of its task.
+    deadline: float
     ready: bool = False
-    under_way: tuple[Task, ...] = ()  # the task that it does, or will get when it is ready
-    begun: int = 0  # tasks that it was given
+    under_way: tuple[Task, ...] = ()  # at most one task, which waits while the worker gets ready
+    begun: int = 0  # the number of tasks that the worker was given
 
 
 class TaskPool(Generic[Task, Result]):
     """Worker processes that do `work(task)`, one task at a time each.
 
-    `work` and the tasks cross process boundaries: a function of a module, and plain values.
-    `environment` is added to this process's own. A worker is replaced after `tasks_per_worker`
-    tasks. Tasks of which `company` gives different texts never share a worker. Close a pool,
-    whatever happens, before you make another.
+    work              a function of a module; it and the tasks, plain values, cross processes
+    workers           how many processes work at a time, at most
+    environment       variables that workers have beside those of this process
+    tasks_per_worker  the number of tasks after which a worker is replaced
+    group             returns the group of a task; tasks of different groups never share a worker
+
+    Close a pool, whatever happens, before you make another.
     """
 
     def __init__(
@@ -158,29 +168,31 @@ class TaskPool(Generic[Task, Result]):
         limits: Limits,
         environment: Mapping[str, str] = WORKER_ENVIRONMENT,
         tasks_per_worker: int = TASKS_PER_WORKER,
-        company: Callable[[Task], str] = lambda task: "",
+        group: Callable[[Task], str] = lambda task: "",
     ) -> None:
         if sys.platform != "linux":
             raise BadInput(
                 f"worker processes need Linux, and this is {sys.platform}; use WSL 2 or Docker, or "
                 "draw within a process by bench.draw_cloud (docs/platforms.md)"
             )
-        # Only the watch on memory and the sending are other threads: tasks are handed out, and
-        # workers stopped when their time is over, within `submit` and `wait_any`.
+        # Memory is watched, and tasks are sent, by threads of their own. All else happens within
+        # `submit` and `wait_any`: there tasks are handed out, and late workers are stopped.
         self._work, self._size, self._limits = work, workers, limits
-        self._tasks_per_worker, self._company = tasks_per_worker, company
+        self._tasks_per_worker, self._group = tasks_per_worker, group
         self._clock = RunningTime()
         self.capacity = QUEUED * workers
         self._queue: deque[Task] = deque()
         self._workers: list[_Worker[Task]] = []
-        self._leaving: list[WorkerProcess] = []
-        self._ended: deque[tuple[Task, bool, Any]] = deque()  # as a worker's answers
-        self._breaks = 0
+        self._leaving: list[WorkerProcess] = []  # processes that have no task, and are ending
+        # The tasks that have ended: with True and the result, or with False and an exception.
+        self._ended: deque[tuple[Task, bool, Any]] = deque()
+        self._breaks = 0  # workers lost before they were ready, since one last gave a result
         self._around = ExitStack()
         self._around.enter_context(_environment({SAFE_PATH: "1", **environment}))
         keepers = lambda: [worker.process.pid for worker in self._workers]  # noqa: E731
         self._over_limit = self._around.enter_context(watched_memory(keepers, limits.memory_gib))
-        atexit.register(self.close)  # else multiprocessing waits for the workers for ever
+        # At the end of this process `multiprocessing` waits for all workers, which would not end.
+        atexit.register(self.close)
 
     def submit(self, task: Task) -> None:
         """Start a task; at most `capacity` may be under way."""
@@ -216,39 +228,47 @@ class TaskPool(Generic[Task, Result]):
             self._look_at(worker)  # it may have died
         while self._queue and sum(len(w.under_way) for w in self._workers) < self._size:
             task = self._queue.popleft()
-            worker = self._worker_for(self._company(task))
+            worker = self._worker_for(self._group(task))
             worker.under_way = (task,)
             worker.begun += 1
             if worker.ready:
                 self._send(worker)
 
-    def _worker_for(self, company: str) -> _Worker[Task]:
-        """Return an idle worker of a company, or a new one."""
+    def _worker_for(self, group: str) -> _Worker[Task]:
+        """Return an idle worker for tasks of a group, or a new one.
+
+        Where there are many workers, a new one takes the place of an idle one of another group.
+        """
         idle = [worker for worker in self._workers if not worker.under_way]
         for worker in idle:
-            if worker.company == company:
+            if worker.group == group:
                 return worker
-        companies = {company, *(worker.company for worker in self._workers)}
-        if idle and len(self._workers) >= self._size + min(len(companies) - 1, _MOST_RESTING):
+        other_groups = {worker.group for worker in self._workers} - {group}
+        most = self._size + min(len(other_groups), _MOST_RESTING)
+        if idle and len(self._workers) >= most:
             self._let_go(idle[0])
         process = WorkerProcess(self._work, self._limits.memory_gib)
-        worker = _Worker[Task](process, company, self._clock() + START_S)
+        worker = _Worker[Task](process, group, self._clock() + START_S)
         self._workers.append(worker)
         return worker
 
     def _send(self, worker: _Worker[Task]) -> None:
+        """Send a worker its task, and set the deadline for the result."""
         worker.deadline = self._clock() + self._limits.time_s
         worker.process.send(*worker.under_way)
 
     def _wait(self, most_s: float) -> None:
-        """Wait until a worker has something to say or has ended; at most for a tick."""
+        """Wait until a worker has an answer, has ended or is late; at most `most_s` or a tick."""
         processes = [worker.process for worker in self._workers]
         handles = [handle for p in processes for handle in (p.connection, p.sentinel)]
         first_s = min(worker.deadline for worker in self._workers) - self._clock()
         connection.wait(handles, max(0.0, min(first_s, most_s, TICK_S)))
 
     def _look_at(self, worker: _Worker[Task]) -> None:
-        """Take a worker's answer where it has one, even after the deadline, or see to its end."""
+        """Take a worker's answer, or go on without the worker where it has ended or is late.
+
+        An answer is taken even after the deadline.
+        """
         process = worker.process
         try:
             if process.connection.poll():
@@ -260,16 +280,18 @@ class TaskPool(Generic[Task, Result]):
                 limit = f"no result within {self._limits.time_s:g} s"
                 late = limit if worker.ready else f"not ready within {START_S:g} s"
                 self._lose(worker, WorkerFailure("timeout", late))
-        except BadInput:  # a ValueError, which `_lose` raises
+        except BadInput:  # raised by `_lose`; it is a ValueError, which the last clause catches
             raise
         except (EOFError, OSError):
             self._lose(worker, self._exit_reason(process))
-        except (pickle.UnpicklingError, ValueError, TypeError):  # a task wrote there itself
+        except (pickle.UnpicklingError, ValueError, TypeError):
+            # What was sent is no answer of ours: the task itself wrote into the connection.
             process.stop()
             self._lose(worker, WorkerFailure("crash", "no answer that can be read"))
 
     def _take(self, worker: _Worker[Task], fine: bool, value: Any) -> None:
-        if not worker.ready:  # it says that it is, and gets its first task
+        """Take a worker's answer: the first says that it is ready, the others are results."""
+        if not worker.ready:
             worker.ready = True
             self._send(worker)
             return
@@ -277,12 +299,17 @@ class TaskPool(Generic[Task, Result]):
         self._ended.append((worker.under_way[0], fine, value))
         worker.under_way, worker.deadline = (), float("inf")
         self._workers.remove(worker)
-        self._workers.append(worker)  # who has rested for the longest comes first
+        self._workers.append(worker)  # so the worker that has been idle for the longest is first
         if worker.begun >= self._tasks_per_worker:
             self._let_go(worker)
 
     def _lose(self, worker: _Worker[Task], reason: WorkerFailure) -> None:
-        """Go on without a worker that has ended or is stopped."""
+        """Go on without a worker that has ended or is stopped.
+
+        Where it had begun its task, the task has failed; otherwise another worker will do it.
+        Raises BrokenProcessPool where one worker after another is lost before it is ready, and
+        BadInput where the script that started the pool has no guard against starting it again.
+        """
         self._remove(worker)
         worker.process.join()
         if not worker.ready and worker.process.exit_code() == NO_GUARD:
@@ -299,23 +326,26 @@ class TaskPool(Generic[Task, Result]):
             self._ended.append((worker.under_way[0], True, replace(reason, taken_s=taken_s)))
             return
         self._queue.extendleft(worker.under_way)
-        self._breaks += _MOST_BREAKS if is_late else 1  # a second one that hangs is enough
+        # A worker that hangs at its start has cost minutes, so that a second one is enough.
+        self._breaks += _MOST_BREAKS if is_late else 1
         if self._breaks > _MOST_BREAKS:
             raise BrokenProcessPool(
                 f"workers were lost before they could begin, one after the other ({reason.reason})"
             )
 
     def _let_go(self, worker: _Worker[Task]) -> None:
-        """Let an idle worker end by itself: libraries are unloaded, what they hold is freed."""
+        """Let an idle worker end by itself, so that its libraries can free what they hold."""
         self._remove(worker)
         worker.process.let_go()
 
     def _remove(self, worker: _Worker[Task]) -> None:
+        """Count a worker among those that are ending."""
         self._leaving.append(worker.process)
         self._workers.remove(worker)
         self._leaving = [process for process in self._leaving if not process.has_ended]
 
     def _exit_reason(self, process: WorkerProcess) -> WorkerFailure:
+        """Return why a worker has ended: killed for its use of memory, or by itself."""
         code = process.exit_code()
         if process.pid in self._over_limit:
             most = f"{self._limits.memory_gib:g} GiB"
@@ -327,7 +357,7 @@ class TaskPool(Generic[Task, Result]):
         return WorkerFailure("crash", f"the worker died ({ending})")
 
     def close(self) -> None:
-        """Stop all workers at once; idle workers end by themselves."""
+        """Stop all workers that do a task at once, and let idle ones end by themselves."""
         for worker in tuple(self._workers):
             end = worker.process.stop if worker.under_way else worker.process.let_go
             end()
@@ -335,7 +365,8 @@ class TaskPool(Generic[Task, Result]):
         for process in self._leaving:
             process.join()
         self._around.close()
-        atexit.unregister(self.close)  # at last: what an interrupt leaves undone is done at exit
+        # Last, because an interrupt may end this function: then `close` is called again at exit.
+        atexit.unregister(self.close)
 
 
 def run_tasks(
@@ -346,9 +377,10 @@ def run_tasks(
     environment: Mapping[str, str] = WORKER_ENVIRONMENT,
     tasks_per_worker: int = TASKS_PER_WORKER,
 ) -> Generator[tuple[Task, Result | WorkerFailure], None, None]:
-    """Yield each task with its result or its worker's failure, as they come (see `TaskPool`).
+    """Do tasks in worker processes, and yield each with its result or its worker's failure.
 
-    Closing the iterator stops all workers at once.
+    The parameters are those of `TaskPool`. Results come in the order in which tasks end. Closing
+    the iterator stops all workers at once.
     """
     with closing(TaskPool(work, workers, limits, environment, tasks_per_worker)) as pool:
         yield from submit_all(tasks, pool)
@@ -356,6 +388,7 @@ def run_tasks(
 
 @contextmanager
 def _environment(changes: Mapping[str, str]) -> Iterator[None]:
+    """Set environment variables of this process within the block, as before after it."""
     before = {name: os.environ[name] for name in changes if name in os.environ}
     os.environ.update(changes)
     try:

@@ -48,9 +48,12 @@ from data_prep.progress import log
 
 @dataclass(frozen=True)
 class Protocol:
-    """The decisions behind the values of a run: equal ones give equal tables on one machine."""
+    """The decisions behind the values of a run.
 
-    suite: Suite  # with the truth of the run
+    On one machine equal protocols give equal tables.
+    """
+
+    suite: Suite  # the suite with the kind of true images of this run
     dataset: str
     methods: Mapping[str, Method]  # by id, in the order of the tables
     conditions: tuple[str, ...]
@@ -58,17 +61,22 @@ class Protocol:
     views: int  # images of each object
     seed: int
     device: str  # where networks run: "cpu", "cuda", or "auto" where `device_of` leaves it
-    # Id and weights file of each extractor whose set metrics can be taken, and by id the version
-    # and checksum behind it, and the device but for the CPU.
+    # The id and the weights file of each feature extractor whose distances can be measured.
     features: tuple[tuple[str, str], ...]
+    # What the features of each extractor depend on, by its id: its version, the checksum of its
+    # weights, and the device where that is not the CPU.
     feature_identity: Mapping[str, str]
-    environment: Mapping[str, str]  # what images depend on beside our code: driver and libraries
-    skipped: Mapping[str, str] = field(default_factory=dict)  # metrics, and why they are not taken
-    export: str | None = None  # checksum of the export that the dataset is
+    # The graphics driver and the libraries that images depend on, beside our own code.
+    environment: Mapping[str, str]
+    skipped: Mapping[str, str] = field(default_factory=dict)  # the reason for each skipped metric
+    export: str | None = None  # the checksum of an exported dataset; None for any other
 
     @cached_property
     def identities(self) -> dict[str, list[Any]]:
-        """Return the identities of the methods by id; unusable weights are refused."""
+        """Return what the images of each method depend on, by its id (see `method_identity`).
+
+        Raises BadInput for weights that cannot be used.
+        """
         return {id_: method_identity(m, self.device) for id_, m in self.methods.items()}
 
     @property
@@ -85,22 +93,19 @@ class Protocol:
     ) -> Protocol:
         """Return the protocol that options ask for, whatever their folder holds.
 
-        Lines on stderr name what is left out. Nothing is written. `probe` finds out the
-        environment. Without `fetches`, weights that the run would download count as present.
-        Raises BadInput for options that cannot be met, and MissingDependency.
+        probe    asks the graphics driver for the environment; by default `environment`
+        fetches  whether the run downloads weights that it lacks; where it is False, such weights
+                 count as present, with the checksum that they will have
+
+        Lines on stderr name what is left out. Nothing is written. Raises BadInput for options that
+        cannot be met, and MissingDependency where nothing can be rendered on this machine.
         """
         suite = _suite_of(options)
         methods = find_methods(with_floor(options.methods or suite.methods))
         conditions = tuple(dict.fromkeys(options.conditions or suite.conditions))
         for condition in conditions:
             find_condition(condition)
-        _log_all(plugin_problem("method", name) for name in methods)  # ours is run
-        _log_all(
-            told_files(name, method.declared_files)
-            for name, method in methods.items()
-            if is_module_name(name)
-        )
-        _log_all(plugin_problem("condition", name) for name in conditions)
+        _log_about_plugins(methods, conditions)
         refuse_values(options)
         device = device_of(options)
         dataset = open_dataset(options.dataset)
@@ -109,7 +114,8 @@ class Protocol:
             log(f"{dataset.id}: left out, no objects of it: {dataset.left_out}")
         objects = objects_of(suite, dataset, options)
         _log_all(m.images.unused(objects, conditions) for m in methods.values() if m.images)
-        lacking = [name for name in suite.classes if name not in (dataset.classes or suite.classes)]
+        present = dataset.classes or suite.classes
+        lacking = [name for name in suite.classes if name not in present]
         if lacking and len(suite.classes) > 1:
             log(f"{dataset.id}: no {', '.join(lacking)}; left out")
         features, identity, skipped = extractors_of(
@@ -141,9 +147,12 @@ class Protocol:
     ) -> Protocol:
         """Return the protocol of a stored run or of a part of it, to plan its jobs again.
 
-        Clouds, views and random numbers of these jobs are those of the run. Their keys are not, for
-        the protocol has neither features nor environment. Objects ("class/name") that the dataset
-        no longer has are left out; other unknown names are refused.
+        methods, conditions, objects  the names of the part; None for all that the run has
+
+        The clouds, views and random numbers of the planned jobs are those of the run. The keys of
+        the jobs differ from those of the run, because this protocol has neither features nor
+        environment. Objects ("class/name") that the dataset no longer has are left out. Raises
+        BadInput for unknown methods, conditions and datasets.
         """
         names = manifest["methods"] if methods is None else methods
         suite, dataset = stored_suite(manifest), open_dataset(manifest["dataset"])
@@ -173,11 +182,16 @@ class Protocol:
         """Return the manifest that the run has when all its objects are complete.
 
         request  the options that repeat the run
-        planned  objects that the run is to have; those of the entry "objects" are complete
+        planned  the number of objects that the run is to have; the entry "objects" names those that
+                 are complete
+        workers  the number of worker processes
+        cluster  the Ray cluster that does the jobs; None for this machine
         """
         trees = {k: (m.images.root, m.images.claims) for k, m in self.methods.items() if m.images}
-        others = {n: find_condition(n).key for n in self.conditions if n in announced("condition")}
-        of_packages: dict[str, Any] = {CONDITION_IDENTITIES: others} if others else {}
+        from_plugins = [name for name in self.conditions if name in announced("condition")]
+        of_packages: dict[str, Any] = {}
+        if from_plugins:
+            of_packages[CONDITION_IDENTITIES] = {n: find_condition(n).key for n in from_plugins}
         return manifest_of(
             request=request,
             environment=self.environment,
@@ -198,7 +212,7 @@ class Protocol:
 
     @property
     def fixed(self) -> dict[str, Any]:
-        """Return the entries of the manifest that all runs of one folder share."""
+        """Return the entries of the manifest that stay the same for all that a folder will hold."""
         named = {name: getattr(self, name) for name in FIXED}
         return named | {"suite": self.suite.id} | truth_entry(self.suite)
 
@@ -214,7 +228,10 @@ def manifest_of(
     device: str,
     **entries: object,
 ) -> dict[str, Any]:
-    """Return the manifest of a run of any suite; `entries` are those of this kind of suite."""
+    """Return the manifest of a run of any suite, with the machine and the time of now.
+
+    `entries` are those that only this kind of suite has.
+    """
     return {
         "schema_version": SCHEMA_VERSION,
         PROTOCOL_ENTRY: PROTOCOL_VERSION,
@@ -235,7 +252,10 @@ def name_of(obj: SceneObject) -> str:
 
 
 def find_methods(addresses: Iterable[str]) -> dict[str, Method]:
-    """Return methods by id, in order. Raises BadInput, also for two methods of one id."""
+    """Return the methods at these addresses by id, in the given order.
+
+    Raises BadInput for an unknown address, and where two methods have the same id.
+    """
     methods: dict[str, Method] = {}
     for address in addresses:
         method = find_run_method(address)
@@ -249,7 +269,11 @@ def find_methods(addresses: Iterable[str]) -> dict[str, Method]:
 
 
 def with_floor(methods: Sequence[str]) -> tuple[str, ...]:
-    """Return each method once, and the floor, whose images stand for failures in scores."""
+    """Return each method once, and at the end the method FLOOR where it is not among them.
+
+    Every run needs FLOOR: its blank images stand in for those of failed jobs when scores are
+    summed up.
+    """
     unique = tuple(dict.fromkeys(methods))
     return unique if FLOOR in unique else (*unique, FLOOR)
 
@@ -260,24 +284,47 @@ def method_identity(method: Method, device: str) -> list[Any]:
 
 
 def _suite_of(options: Options) -> Suite:
-    """Return the suite of a run with its truth, and name on stderr what is left out for it."""
+    """Return the suite that options name, with the kind of true images that they ask for.
+
+    A line on stderr names the methods that a suite with grey truth leaves out, and why. Raises
+    BadInput for an unknown suite, and for weights of a network that the suite does not use.
+    """
     in_colours = find(options.suite, SUITES, "suite")
     suite = with_truth(in_colours, options.truth)
     if options.inception_weights and FID not in suite.extractors:
         raise BadInput(
             f"--inception-weights: {suite.id} takes no fid against {TRUTHS[suite.truth]}; leave it"
         )
-    by_reason: dict[str, list[str]] = {}
     if suite is not in_colours and not options.methods:
-        for method_id, reason in left_out_in_grey(in_colours).items():
-            by_reason.setdefault(reason, []).append(method_id)
-    if by_reason:
-        names = "; ".join(f"{', '.join(ids)} ({reason})" for reason, ids in by_reason.items())
-        others = f"them, or for networks in grey like {RECOMMENDED}"
-        if in_colours.grey_methods:
-            names, others = f"{names}, and adds {', '.join(in_colours.grey_methods)}", "others"
-        log(f"--truth grey leaves out {names}: give --methods for {others}")
+        _log_left_out_in_grey(in_colours)
     return suite
+
+
+def _log_left_out_in_grey(in_colours: Suite) -> None:
+    """Name on stderr the methods that a suite leaves out where the truth is grey, and why."""
+    by_reason: dict[str, list[str]] = {}
+    for method_id, reason in left_out_in_grey(in_colours).items():
+        by_reason.setdefault(reason, []).append(method_id)
+    if not by_reason:
+        return
+    names = "; ".join(f"{', '.join(ids)} ({reason})" for reason, ids in by_reason.items())
+    others = f"them, or for networks in grey like {RECOMMENDED}"
+    if in_colours.grey_methods:
+        names, others = f"{names}, and adds {', '.join(in_colours.grey_methods)}", "others"
+    log(f"--truth grey leaves out {names}: give --methods for {others}")
+
+
+def _log_about_plugins(methods: Mapping[str, Method], conditions: Sequence[str]) -> None:
+    """Say on stderr which plug-ins are not used, and by which files methods are known.
+
+    A plug-in that has the name of one of our own methods or conditions is not used. A method
+    MODULE:NAME is known by the files that it declares.
+    """
+    _log_all(plugin_problem("method", name) for name in methods)
+    for name, method in methods.items():
+        if is_module_name(name):
+            _log_all([told_files(name, method.declared_files)])
+    _log_all(plugin_problem("condition", name) for name in conditions)
 
 
 def _log_all(lines: Iterable[str | None]) -> None:
@@ -288,19 +335,26 @@ def _log_all(lines: Iterable[str | None]) -> None:
 def extractors_of(
     metrics: Iterable[str], inception_weights: str | None, device: str, fetches: bool = True
 ) -> tuple[tuple[tuple[str, str], ...], dict[str, str], dict[str, str]]:
-    """Return features and identities as a protocol has them, and why some are skipped."""
-    on_gpu = f" {GPU}" * (metrics_device(device) == GPU)
+    """Return what a protocol says about the feature extractors of some metrics.
+
+    These are its entries `features`, `feature_identity` and `skipped`: the weights file of each
+    extractor, what its features depend on, and the reason for each metric whose weights are not
+    here. The arguments are as in `Protocol.from_options`.
+    """
+    on_gpu = f" {GPU}" if metrics_device(device) == GPU else ""
     features: list[tuple[str, str]] = []
     identity: dict[str, str] = {}
     skipped: dict[str, str] = {}
-    is_later = inception_weights == DOWNLOAD and not fetches
+    # Weights that the run will download, but this command does not: they are found in the cache, or
+    # they count as present with the checksum that is published.
+    is_postponed = inception_weights == DOWNLOAD and not fetches
     for metric in metrics:
         extractor = find_extractor(metric)
         try:
-            weights = extractor.weights(None if is_later else inception_weights)
+            weights = extractor.weights(None if is_postponed else inception_weights)
             path, checksum = str(weights), file_sha256(weights)
         except WeightsUnavailable as error:
-            if metric != FID or not is_later:
+            if metric != FID or not is_postponed:
                 skipped[metric] = f"skipped: {error}"
                 continue
             path, checksum = "to be downloaded first", WEIGHTS_SHA256
@@ -310,34 +364,48 @@ def extractors_of(
 
 
 def objects_of(suite: Suite, dataset: Dataset, options: Options) -> tuple[SceneObject, ...]:
-    """Return the objects of a run, class by class; refuse a dataset without."""
+    """Return the objects of a run, class by class.
+
+    Raises BadInput for a dataset without classes where the suite compares classes, and for one that
+    has no object of the suite's classes.
+    """
     classes = suite.classes
     if len(classes) > 1 and not dataset.classes:
         raise BadInput(
             f"{dataset.id}: {suite.id} compares classes, and this dataset has none; give a "
             "folder whose sub-folders are classes"
         )
-    if len(classes) > 1:  # the dataset refuses the first one, with what it has
-        classes = tuple(name for name in classes if name in dataset.classes) or classes[:1]
-    limits = options.limit, suite.endless_limit
-    return tuple(obj for name in classes for obj in dataset.objects(name, *limits))
+    if len(classes) > 1:
+        present = tuple(name for name in classes if name in dataset.classes)
+        # Where none is present, the dataset refuses the first one and names the classes it has.
+        classes = present or classes[:1]
+    objects: list[SceneObject] = []
+    for name in classes:
+        objects += dataset.objects(name, options.limit, suite.endless_limit)
+    return tuple(objects)
 
 
 def objects_to_search(manifest: Mapping[str, Any]) -> int:
-    """Return how many objects of a class include all objects of the run with this manifest."""
-    # In a run that was stopped, the complete objects need not be the first that were planned.
+    """Return how many objects of each class have to be searched to find all those of a run.
+
+    The run is that of the manifest.
+    """
+    # The complete objects of a run that was stopped are anywhere among those that were planned.
     return max(len(manifest["objects"]), manifest["planned"])
 
 
 def find_objects(
     suite: Suite, dataset: Dataset, names: Collection[str], count: int
 ) -> tuple[SceneObject, ...]:
-    """Return the objects with these names, as the dataset orders them, of the first of a class."""
-    classes = {name.partition("/")[0] for name in names}
-    return tuple(
-        obj
-        for class_name in suite.classes
-        if not dataset.classes or class_name in classes
-        for obj in dataset.objects(class_name, None, count)
-        if name_of(obj) in names
-    )
+    """Return the objects with these names ("class/name"), in the order of the dataset.
+
+    Only the first `count` objects of each class are searched.
+    """
+    named_classes = {name.partition("/")[0] for name in names}
+    objects: list[SceneObject] = []
+    for class_name in suite.classes:
+        if dataset.classes and class_name not in named_classes:
+            continue
+        searched = dataset.objects(class_name, None, count)
+        objects += [obj for obj in searched if name_of(obj) in names]
+    return tuple(objects)

@@ -1,9 +1,9 @@
-"""Jobs on a Ray cluster: an executor whose workers are Ray's, and what these do.
+"""Jobs on a Ray cluster: the executor of a run, and what each node of the cluster does.
 
-Ray decides where a job is done, and does the jobs of a lost node again elsewhere. A job that fails,
-hangs or ends its process is a result like on one machine, and is not tried again. Only the process
-of the run reads and writes its folder: true images come with a job, and its artifact goes back with
-the result (about 0.1 MB for 20 views).
+Ray decides on which node a job is done, and does the jobs of a lost node again on another. A job
+that fails, hangs or ends its process gives a failed result, as on one machine, and Ray does not try
+it again. Only the process of the run reads and writes the run's folder: a job brings the true
+images to its node, and its result brings images and features back (about 0.1 MB for 20 views).
 """
 
 from __future__ import annotations
@@ -33,21 +33,25 @@ from data_prep.datasets.objects import SceneObject
 from data_prep.failures import BadInput, MissingDependency
 from data_prep.files.checksums import file_sha256
 
-PATIENCE_S = 10.0
-_COUNTED_EVERY_S = 5.0  # the CPUs of a cluster
-_NODES_PER_JOB = 5  # lost nodes; then it is the job that takes them down
-KEPT = 64  # true images in the object store, and fingerprints: jobs of one object follow each other
-_STORE_BYTES = 256 * 2**20  # of the object store of a cluster of our own
-# Of a GPU, for each job that uses it. On an H200, jobs of 20 images with the networks of metrics
-# give 1,900 images a second with one process, 4,350 with four and 4,680 with sixteen, and each
-# process takes 0.85 GiB of the GPU's memory.
+PATIENCE_S = 10.0  # seconds that the address of a cluster may take to accept a connection
+_COUNTED_EVERY_S = 5.0  # seconds between two counts of the cluster's CPUs
+# How often a job is tried again when its node is lost. After that the job itself is taken to be
+# what takes nodes down.
+_MOST_RETRIES = 5
+# For how many objects the true images in Ray's object store, and the fingerprints, are kept. The
+# jobs of an object follow each other, so that few are needed at a time.
+KEPT = 64
+_STORE_BYTES = 256 * 2**20  # the size of the object store, in bytes, of a cluster started here
+# The part of a GPU that a job takes which uses it. On an H200, jobs of 20 images with the networks
+# of metrics give 1,900 images a second with one process, 4,350 with four and 4,680 with sixteen,
+# and each process takes 0.85 GiB of the GPU's memory: with four there is little left to gain.
 _GPU_SHARE = 0.25
 _INSTALL = "Ray is not installed; pip install 'pc2pix-bench[ray]'"
 
 
 @dataclass(frozen=True)
 class Cluster:
-    """A connection to a cluster, with the CPUs and GPUs of all nodes when it was made."""
+    """A connection to a cluster, with what all nodes together had when it was made."""
 
     address: str
     cpus: int
@@ -61,8 +65,10 @@ def connected(address: str, workers: int) -> Iterator[Cluster]:
     """Yield a connection to the cluster at `address` ("host:port", "auto", "ray://host:port").
 
     For LOCAL it is a new cluster on this machine with so many workers, which ends with the block.
+    Raises MissingDependency where Ray is not installed, and BadInput where no cluster answers.
     """
-    os.environ.setdefault("RAY_USAGE_STATS_ENABLED", "0")  # nobody was asked
+    os.environ.setdefault("RAY_USAGE_STATS_ENABLED", "0")  # it would send data without being asked
+    # Ray leaves CUDA_VISIBLE_DEVICES as it is for jobs that take no GPU, and does not warn of it.
     os.environ.setdefault("RAY_ACCEL_ENV_VAR_OVERRIDE_ON_ZERO", "0")
     try:
         import ray
@@ -71,9 +77,10 @@ def connected(address: str, workers: int) -> Iterator[Cluster]:
     local = {"num_cpus": workers, "object_store_memory": _STORE_BYTES, "include_dashboard": False}
     host, _, port = address.removeprefix("ray://").rpartition(":")
     try:
-        if host and port.isdecimal():  # where nobody listens, Ray would ask for minutes
+        if host and port.isdecimal():  # where nobody listens, Ray itself would try for minutes
             socket.create_connection((host, int(port)), PATIENCE_S).close()
-        with chdir("/"):  # workers would import from the current folder: a `random.py`, say
+        # Workers import from the current folder, where a file may be named like a module.
+        with chdir("/"):
             ray.init(
                 address=address,
                 logging_level=logging.ERROR,
@@ -98,9 +105,9 @@ def connected(address: str, workers: int) -> Iterator[Cluster]:
 class RayPool:
     """An executor of jobs on the nodes of a cluster, within `connected`.
 
-    A job takes a CPU. Where the cluster has GPUs, it takes a share of one as well, if the device is
-    "cuda", which is that of the networks of metrics, too, or if it is of a network and the device
-    is not "cpu". `api` stands in for `ray`.
+    Each job takes a CPU. Where the cluster has GPUs, some jobs take a share of one as well: with
+    the device "cuda" all of them, because metrics use it, too; with "auto" those of methods that
+    are networks. Tests pass their own `api` in place of the module `ray`.
     """
 
     def __init__(self, cluster: Cluster, protocol: Protocol, api: Any = None) -> None:
@@ -109,25 +116,32 @@ class RayPool:
         self._ray = api
         has_gpu = bool(cluster.gpus) and protocol.device != "cpu"
         self._all_on_gpu = has_gpu and protocol.device == GPU
-        networks = (name for name, method in protocol.methods.items() if method.weights_file)
-        self._networks = frozenset(networks if has_gpu else ())
-        self._cpus, self._counted = cluster.cpus, float("-inf")
+        self._networks: frozenset[str] = frozenset()  # the methods whose jobs take part of a GPU
+        if has_gpu:
+            methods = protocol.methods.items()
+            self._networks = frozenset(name for name, method in methods if method.weights_file)
+        self._cpus = cluster.cpus
+        self._counted = float("-inf")  # the time of the last count of CPUs
         self._message = api.put((requirements(protocol), protocol.suite.limits))
-        # Without `max_calls` a process keeps what it has loaded.
-        self._do = api.remote(num_cpus=1, max_retries=_NODES_PER_JOB, max_calls=0)(_do_on_node)
+        # `max_calls=0` is no limit: a process goes on with the networks that it has loaded.
+        self._do = api.remote(num_cpus=1, max_retries=_MOST_RETRIES, max_calls=0)(_do_on_node)
         self._put = lru_cache(KEPT)(api.put)
-        self._sent: dict[Any, Job] = {}
+        self._sent: dict[Any, Job] = {}  # the jobs under way, by Ray's reference to the result
 
     @property
     def capacity(self) -> int:
-        """Return twice the jobs that the workers have in hand: nodes come and go."""
-        if time.monotonic() > self._counted + _COUNTED_EVERY_S:  # a question to another process
+        """Return how many jobs may be under way: two for each CPU that the cluster has now.
+
+        Nodes come and go, so that the CPUs are counted again from time to time.
+        """
+        # Not at each call, because counting asks another process.
+        if time.monotonic() > self._counted + _COUNTED_EVERY_S:
             self._cpus = int(self._ray.cluster_resources().get("CPU", 0))
             self._counted = time.monotonic()
         return QUEUED * max(1, self._cpus)
 
     def submit(self, job: Job) -> None:
-        """Start a job."""
+        """Start a job on the node that Ray chooses."""
         on_gpu = self._all_on_gpu or job.method in self._networks
         task = self._do.options(num_gpus=_GPU_SHARE if on_gpu else 0).remote(
             self._message,
@@ -138,7 +152,7 @@ class RayPool:
         self._sent[task] = job
 
     def wait_any(self, timeout_s: float | None = None) -> Iterator[Result]:
-        """Wait until jobs have ended, and yield the result of each; nothing after `timeout_s`."""
+        """Wait until jobs have ended, and yield the result of each; none after `timeout_s`."""
         ready, _ = self._ray.wait(
             list(self._sent), num_returns=1, timeout=timeout_s, fetch_local=False
         )
@@ -154,28 +168,30 @@ class RayPool:
         self._put.cache_clear()
 
     def _result(self, task: Any) -> Result:
+        """Return the result of a job. Raises MissingDependency where its node cannot work."""
         job, errors = self._sent.pop(task), self._ray.exceptions
         try:
             return self._ray.get(task)
         except (errors.RayTaskError, errors.RaySystemError) as error:
-            # Not of a job, whose failures are results.
+            # The failure of a job is a result, so that this is a failure of its node.
             message = str(error).strip().splitlines()[-1]
             raise MissingDependency(
                 f"a node of the cluster cannot work: {message}; set it up like this machine, with "
                 "the same packages in the same folders"
             ) from error
         except errors.RayError as error:
-            reason = f"crash: its node was lost {_NODES_PER_JOB + 1} times ({type(error).__name__})"
+            reason = f"crash: its node was lost {_MOST_RETRIES + 1} times ({type(error).__name__})"
             return failed(job, reason)
 
 
 @dataclass(frozen=True)
 class _NodeRequirements:
-    """The properties that a node shares with the machine that keeps the run."""
+    """The properties in which a node has to equal the machine that keeps the run's folder."""
 
-    values: Mapping[str, Mapping[str, str]]  # versions, checksums, identities, by kind and name
+    # The versions, checksums and identities by their kind ("versions", "code", ...) and name.
+    values: Mapping[str, Mapping[str, str]]
     device: str  # where networks run
-    folder: str  # the start of relative paths, where there is such a folder
+    folder: str  # the folder that relative paths start from, where the node has it
 
 
 def requirements(protocol: Protocol) -> _NodeRequirements:
@@ -189,7 +205,10 @@ def requirements(protocol: Protocol) -> _NodeRequirements:
 def mismatch(
     required: _NodeRequirements, probe: Callable[[], Mapping[str, str]] = environment
 ) -> str:
-    """Return how this machine fails the requirements, with the remedy; empty where it does not."""
+    """Return in what this machine fails the requirements, with the remedy; "" where it fits.
+
+    Tests pass their own `probe` in place of the question to the graphics driver.
+    """
     wanted = required.values
     try:
         here = _properties(probe(), wanted["methods"], wanted["weights"], required.device)
@@ -205,6 +224,13 @@ def mismatch(
 def _properties(
     machine: Mapping[str, str], addresses: Iterable[str], files: Iterable[str], device: str
 ) -> dict[str, Mapping[str, str]]:
+    """Return what results depend on here, by kind and name, as `_NodeRequirements.values`.
+
+    machine    the environment: driver and libraries
+    addresses  of the methods
+    files      of the weights
+    """
+
     def identity(address: str) -> str:
         return json.dumps(method_identity(find_run_method(address), device))
 
@@ -220,7 +246,10 @@ def _properties(
 
 
 def _or_refusal(function: Callable[[str], str], name: str) -> str:
-    """Return what a function says about a name, or why it cannot: weights that are not here."""
+    """Return what a function says about a name, or the reason why it cannot.
+
+    Where weights are not here, say, the reason differs from what the other machine says.
+    """
     try:
         return function(name)
     except (BadInput, OSError) as error:
@@ -228,7 +257,10 @@ def _or_refusal(function: Callable[[str], str], name: str) -> str:
 
 
 class Node:
-    """A process of Ray's, with the killable process that does its jobs, one at a time."""
+    """A process of Ray on a node, with a worker process of ours that does jobs one at a time.
+
+    The worker can be killed, as on one machine (`bench.running.pool`).
+    """
 
     def __init__(
         self,
@@ -236,16 +268,19 @@ class Node:
         limits: Limits,
         probe: Callable[[], Mapping[str, str]] = environment,
     ) -> None:
-        with suppress(OSError):  # missing: a path that needs it will say so
+        with suppress(OSError):  # where it is missing, a relative path is refused when it is opened
             os.chdir(required.folder)
-        # Images of another driver or version of a file would go into the same tables unseen.
+        # Without this check images by another driver, or by another version of a file, would go
+        # into the same tables, and nobody would see it.
         self._mismatch = mismatch(required, probe)
         self._pool = JobPool(1, 1, limits)
 
     def run_job(self, job: Job, fingerprint: str) -> Result:
-        """Do a job and return its result, which is `unusable` on a node that must not do it.
+        """Do a job and return its result.
 
-        `fingerprint` is that of the object on the machine of the run.
+        fingerprint  the checksum that the job's object has on the machine of the run
+
+        On a node that differs from that machine the result is `unusable`, with the reason.
         """
         problem = self._mismatch
         if not problem and (present := _fingerprint(job.object)) != fingerprint:
@@ -257,18 +292,25 @@ class Node:
             problem = f"node {socket.gethostname()}: {problem}"
             return replace(failed(job, problem), unusable=problem)
         self._pool.submit(job)
-        while not (results := [*self._pool.wait_any()]):
-            pass  # a job may take several steps
+        results: list[Result] = []
+        while not results:  # a job may take several steps, of which only the last gives its result
+            results = list(self._pool.wait_any())
         return results[0]
 
 
-_node: Node | None = None  # of this process, where it is one of Ray's
+_node: Node | None = None  # the node that this process belongs to, made at its first job
 
 
 def _do_on_node(
     message: tuple[_NodeRequirements, Limits], job: Job, fingerprint: str, reference: bytes | None
 ) -> Result:
-    """Do a job on this node, with the true images, which Ray sends once for an object."""
+    """Do a job in a process of Ray, and return its result.
+
+    message      what the node has to equal, and the limits of a job
+    fingerprint  the checksum that the job's object has on the machine of the run
+    reference    the packed true images; they are no part of the job, so that Ray sends them to a
+                 node once for all jobs of an object
+    """
     global _node
     if _node is None:
         _node = Node(*message)

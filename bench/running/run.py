@@ -1,4 +1,4 @@
-"""A run from its options to its records, and what is left of one before its start."""
+"""A run from its options to its records, and what a run would have to do (`run_status`)."""
 
 from __future__ import annotations
 
@@ -64,10 +64,12 @@ from data_prep.failures import BadInput
 from data_prep.progress import log
 
 Outputs = TypeVar("Outputs")
-Publish = Callable[[Path, dict[str, float]], Outputs]  # of a folder; adds seconds by stage
-# Of an image: it is scored in some 15 ms of a core; its bytes are those of the default suite.
-IMAGE_S, IMAGE_B = 0.015, 7_000
-_TRUTH_MS = 5.0  # of a view of the true mesh
+# Makes the outputs of a run's folder, and adds the seconds of each stage to the dictionary.
+Publish = Callable[[Path, dict[str, float]], Outputs]
+# What an image costs, by the default suite, to tell time and disk space before a run.
+IMAGE_S = 0.015  # seconds of a core to score an image
+IMAGE_B = 7_000  # bytes of an image in the store, with its scores and features
+_TRUTH_MS = 5.0  # milliseconds to draw a view of the true mesh
 
 
 @dataclass(frozen=True)
@@ -75,14 +77,15 @@ class PartialRun:
     """The complete objects of a run, which may still go on."""
 
     directory: Path
-    manifest: dict[str, Any]  # that a run of these objects alone would have
-    plan: Plan  # of all objects that the run is to have
-    store: Store  # with the results of the complete ones
+    manifest: dict[str, Any]  # the manifest that a run of these objects alone would have
+    plan: Plan  # the plan of all objects that the run is to have
+    store: Store  # the store with the results of the complete objects
 
     def read_jobs(self, name: str) -> pd.DataFrame:
-        """Return the jobs of an object, one row each, as `bench.records.frames.job_frame`.
+        """Return the jobs of an object as a frame with one row each.
 
-        A job that stands for every condition is there once for each.
+        The columns are those of `bench.records.frames.job_frame`. A job that is done once for all
+        conditions has a row for each of them.
         """
         jobs = self.plan.jobs_of(name).method_jobs
         return job_frame([(job.name, self.store.result(job.key)) for job in jobs])
@@ -95,29 +98,33 @@ class ProgressReporter(typing.Protocol):
         """Report that `ended` more jobs have ended, and that `failed` of the run have failed."""
 
     def on_object_done(self, snapshot: Callable[[], PartialRun]) -> None:
-        """Report that an object is complete. `snapshot` takes the longer the more there are."""
+        """Report that an object is complete.
+
+        snapshot  returns the run of all complete objects; it takes longer the more there are
+        """
 
 
-# Takes title and number of the jobs to be done.
+# Returns the reporter of a run's progress, by a title and the number of jobs to be done.
 Watch = Callable[[str, int], AbstractContextManager[ProgressReporter]]
 
 
 @dataclass(frozen=True)
 class RunResult(Generic[Outputs]):
-    """A run of which all objects are complete, or some."""
+    """The result of a run that has ended with at least one complete object."""
 
     directory: Path
-    # Of the complete objects; None where the folder keeps those of more objects of the run before.
+    # The tables and figures of the complete objects. None where the folder keeps those of a run
+    # before, which have more objects.
     outputs: Outputs | None
-    objects: int  # that are complete
-    planned: int  # objects of the whole run
-    interrupted: bool  # by Ctrl-C
-    done: int  # jobs of this start; one that is the same under every condition counts once
-    reused: int  # jobs of earlier ones
-    failed: int  # jobs without images; with a failed ground truth all of its object
-    hopeless: tuple[str, ...]  # methods without a single image, though there is something to draw
-    seconds: dict[str, float]  # of each stage
-    shares: dict[str, float]  # of the workers' time, see `bench.records.job.shares`
+    objects: int  # the number of complete objects
+    planned: int  # the number of objects of the whole run
+    interrupted: bool  # whether Ctrl-C has ended it
+    done: int  # the jobs done since this start; one that stands for all conditions counts once
+    reused: int  # the jobs that were done before this start
+    failed: int  # the jobs without images; with a ground truth all jobs of its object fail
+    hopeless: tuple[str, ...]  # the methods that have not given a single image
+    seconds: dict[str, float]  # the seconds of each stage, by its name
+    shares: dict[str, float]  # the parts of the workers' time, as `bench.records.job.shares`
 
 
 def run(
@@ -129,17 +136,20 @@ def run(
     """Carry out a run, or what is left of it, for as long as its budget allows.
 
     A run of the same request in the folder goes on, see `bench.running.folder`. Where the budget or
-    Ctrl-C ends it, it is a run of the objects that are complete, unless the folder has outputs of
-    more; the same options go on with the others.
+    Ctrl-C ends a run, its outputs are made of the complete objects, unless the folder has outputs
+    of more objects. The same options then go on with the others.
 
-    `publish` makes the outputs of a folder which is still locked; the run counts as finished after
-    it. `watch` gives the reporter of progress, `make_budget` makes the budget from `--budget`, in
-    seconds from now. Raises BadInput for anything the user has to fix, and KeyboardInterrupt where
-    no object is complete; what was done until then is kept.
+    publish      makes the outputs of the folder, which is still locked; the run counts as finished
+                 when it returns
+    watch        returns the reporter of progress
+    make_budget  makes the budget from the seconds of `--budget`, which count from then
+
+    Raises BadInput for anything the user has to fix, and KeyboardInterrupt where no object is
+    complete. Finished jobs are kept in any case.
     """
     begun, budget, directory = time.perf_counter(), make_budget(options.budget), options.directory
     protocol, held = _protocol_and_held(options)
-    planned = plan(protocol)  # refuses weights that cannot be used
+    planned = plan(protocol)
     with executors_for(protocol, options) as (start, workers, cluster):
         budget.guess_s = guess_s(planned.jobs_per_object, workers)
         _refuse_start(options, planned, budget)
@@ -171,8 +181,8 @@ def run(
             _refuse_nothing(schedule, budget, interrupted)
             outputs, keeps_tables = None, not held.tabled <= schedule.complete.keys()
             if not keeps_tables:
-                manifest = snapshot().manifest
-                write_manifest(directory, manifest)  # the tables are of these objects
+                manifest = snapshot().manifest  # names the complete objects, which the tables show
+                write_manifest(directory, manifest)
                 complete = map(planned.jobs_of, manifest["objects"])
                 store.list_jobs((job.key, job.name) for obj in complete for job in obj.listed)
                 manifest[ENVIRONMENTS] = environments_entry(store.environments())
@@ -199,14 +209,17 @@ def run(
 
 
 def _protocol_and_held(options: Options, fetches: bool = True) -> tuple[Protocol, HeldRun]:
-    """Return the protocol of a run, and the run that its folder holds."""
+    """Return the protocol of a run, and the run that its folder holds.
+
+    `fetches` is as in `Protocol.from_options`.
+    """
     asked = Protocol.from_options(options, fetches=fetches)
     held = HeldRun() if options.fresh else read_held(options.directory, asked)
     return protocol_in_folder(asked, held, options), held
 
 
 def _tell_environments(directory: Path, schedule: Schedule, here: Mapping[str, str]) -> None:
-    """Say on stderr how many jobs were made with other libraries, drivers or processors."""
+    """Say on stderr how many finished jobs are from another environment, and what differs there."""
     for text, jobs in schedule.environments.items():
         if changes := environment_changes(unpacked_environment(text), here):
             log(
@@ -219,9 +232,11 @@ def _tell_environments(directory: Path, schedule: Schedule, here: Mapping[str, s
 def executors_for(
     protocol: Protocol, options: Options
 ) -> Iterator[tuple[Callable[[int], Executor], int, dict[str, Any] | None]]:
-    """Yield what gives an executor for a number of jobs, its workers, and the manifest's cluster.
+    """Yield how to start an executor, how many workers it has, and the manifest's entry "cluster".
 
-    These are processes of this machine, or a Ray cluster, which is connected within the block.
+    The workers are processes of this machine, or those of a Ray cluster, which stays connected
+    within the block. An executor is started with the number of jobs to come. Raises BadInput where
+    the suite, a method or another option does not go together with `--ray`.
     """
     suite = protocol.suite
     workers = workers_of(suite, options)
@@ -244,26 +259,39 @@ def executors_for(
 
 
 def _refuse_start(options: Options, planned: Plan, budget: Budget) -> None:
-    """Refuse a budget too short for the first object, and jobs of modules that are not named."""
+    """Raise BadInput for a budget too short for the first object, and for jobs that cannot be done.
+
+    These are jobs of a method MODULE:NAME whose module is not executed, because only the manifest
+    names it.
+    """
     if options.fresh:
         budget.check()
         return
-    lost = {m.id for m in planned.protocol.methods.values() if m.source == NOT_LOADED}
     with open_store(options.directory) as store:
-        for obj in planned if lost else ():
-            done = settled(obj, store)
-            if left := sorted(lost.intersection(j.method for j in obj.jobs if j.key not in done)):
-                raise BadInput(
-                    f"{options.directory}: {left[0]} has jobs left, and its module is executed "
-                    f"only where the command names it; name it, too, {APART}"
-                )
-        complete = (len(settled(obj, store)) == len(obj.jobs) for obj in planned)
-        if options.budget is not None and (store.is_empty or not any(complete)):
+        _refuse_jobs_without_module(options.directory, planned, store)
+        if options.budget is None:
+            return
+        if store.is_empty or not any(len(settled(o, store)) == len(o.jobs) for o in planned):
             budget.check()
 
 
+def _refuse_jobs_without_module(directory: Path, planned: Plan, store: Store) -> None:
+    methods = planned.protocol.methods.values()
+    without_module = {method.id for method in methods if method.source == NOT_LOADED}
+    if not without_module:
+        return
+    for obj in planned:
+        done = settled(obj, store)
+        left = {job.method for job in obj.jobs if job.key not in done}
+        if lost := sorted(without_module & left):
+            raise BadInput(
+                f"{directory}: {lost[0]} has jobs left, and its module is executed only where the "
+                f"command names it; name it, too, {APART}"
+            )
+
+
 def _refuse_nothing(schedule: Schedule, budget: Budget, interrupted: bool) -> None:
-    """Refuse a run with no object that is complete, or with none that can be drawn."""
+    """Raise BadInput for a run without a complete object, or without one that can be drawn."""
     if not schedule.complete and not interrupted:
         raise BadInput(
             f"--budget {budget.seconds:g}s: used up before one object was complete; "
@@ -271,7 +299,8 @@ def _refuse_nothing(schedule: Schedule, budget: Budget, interrupted: bool) -> No
             "with the others: give it more time"
         )
     if schedule.undrawn and not schedule.scored:
-        # One bad object among many is a failed record; if none can be drawn, the input is wrong.
+        # A bad object among good ones just has failed records. Where none can be drawn, the whole
+        # dataset is wrong, and the user has to know.
         reason = schedule.undrawn.removeprefix("input: ")
         raise BadInput(
             f"none of the {len(schedule.complete)} objects can be drawn; the first: {reason}"
@@ -285,9 +314,12 @@ def _do_jobs(
     snapshot: Callable[[], PartialRun],
     watch: Watch,
 ) -> bool:
-    """Do the jobs that are left; return whether Ctrl-C came when an object was complete.
+    """Do the jobs that are left, and return whether Ctrl-C has ended them.
 
-    Progress has no tables before all objects that the folder's tables have are complete.
+    tabled  the objects in the folder's tables; objects are reported as complete only when all of
+            these are, so that no table of fewer objects is shown
+
+    Raises KeyboardInterrupt where Ctrl-C comes before any object is complete.
     """
     if not schedule.left:
         return False
@@ -299,7 +331,7 @@ def _do_jobs(
             for result in stream:
                 before = schedule.left
                 complete = schedule.take(result)
-                # With a ground truth all jobs of its object fail.
+                # A failed ground truth ends all jobs of its object at once.
                 reporter.on_jobs_done(before - schedule.left, schedule.failures)
                 if complete and schedule.scored and schedule.complete.keys() >= {*tabled}:
                     reporter.on_object_done(snapshot)
@@ -314,9 +346,10 @@ def _do_jobs(
 def open_run(directory: Path, manifest: dict[str, Any], fresh: bool = False) -> Iterator[Store]:
     """Yield the store of a run, whose directory is locked for as long as the block lasts.
 
-    The manifest is written first, and again where the block ends without an error, with the time
-    and what the block has added to it. `fresh` renames an old run first. Raises BadInput where the
-    directory holds something else, or more than this run would have.
+    The manifest is written first, and once more where the block ends without an error: with the
+    time of the end, and with entries that the block has added. `fresh` renames an old run first.
+    Raises BadInput where the directory holds something else than a run, another run, or a run with
+    a method, condition or object that this one has not.
     """
 
     def check() -> None:
@@ -339,11 +372,16 @@ def open_run(directory: Path, manifest: dict[str, Any], fresh: bool = False) -> 
 
 @contextmanager
 def _open_checked(directory: Path, check: Callable[[], None], fresh: bool) -> Iterator[Store]:
+    """Yield the store of a folder that is locked and has passed a check.
+
+    Jobs whose images or records are damaged are removed from the store, so that they are done
+    again; a line on stderr counts them.
+    """
     if fresh and (old := set_aside(directory)):
         log(f"the old run is now {old}")
-    check()  # before anything is written there
+    check()  # before the lock, which is the first file to be written there
     with open_folder(directory) as store:
-        check()  # another process may have had the lock meanwhile
+        check()  # once more: until now another process may have had the lock
         if count := store.forget_damaged():
             log(
                 f"{store.path}: the images or records of {count} jobs are missing or altered; they "
@@ -353,20 +391,23 @@ def _open_checked(directory: Path, check: Callable[[], None], fresh: bool) -> It
 
 
 def write_export(directory: Path, store: Store, seconds: dict[str, float]) -> None:
-    """Write the records of the jobs that the store lists."""
+    """Write the records of the jobs that the store lists to `records.parquet`, for scripts.
+
+    The time that it takes is added to `seconds["tables"]`.
+    """
     with timed("tables", seconds):
         write_records(directory, store)
 
 
 @dataclass(frozen=True)
 class RunStatus:
-    """A run that has not been started, or not now."""
+    """What `bench run` would have to do for a run, and what is done of it."""
 
     directory: Path
     plan: Plan
-    left: Mapping[str, int]  # jobs by method; one that is the same under every condition once
-    workers: int  # processes of this machine
-    stored_b: int  # size of the store in the folder
+    left: Mapping[str, int]  # the number of jobs left, by method
+    workers: int  # the number of worker processes of this machine
+    stored_b: int  # the size of the store in the folder, in bytes
 
     @property
     def jobs(self) -> int:
@@ -380,25 +421,34 @@ class RunStatus:
 
     @property
     def size_b(self) -> float:
-        """Return the bytes of disk that the jobs left are expected to take."""
-        views = self.plan.protocol.views
-        return self.jobs * (self.stored_b / self.done if self.done else IMAGE_B * views)
+        """Return the bytes of disk that the jobs left are expected to take.
+
+        A job takes as much as finished jobs did in the mean, or where there are none, as much as in
+        the default suite.
+        """
+        job_b = IMAGE_B * self.plan.protocol.views
+        if self.done:
+            job_b = self.stored_b / self.done
+        return self.jobs * job_b
 
     def unmeasured(self, costs: Mapping[str, MeasuredMethod]) -> list[str]:
-        """Return the methods with jobs left whose cost is not known."""
+        """Return the methods that have jobs left and whose cost is not known."""
         return [m for m, jobs in self.left.items() if jobs and self._job_s(m, costs) is None]
 
     def seconds(self, costs: Mapping[str, MeasuredMethod]) -> float:
-        """Return the time that the jobs left are expected to take, tables and figures included.
+        """Return the seconds that the rest of the run is expected to take, tables included.
 
-        Methods without a cost are left out.
+        Jobs of methods whose cost is not known count as nothing.
         """
-        of_cores = sum(jobs * (self._job_s(m, costs) or 0.0) for m, jobs in self.left.items())
-        busy = max(1, min(self.workers, self.jobs))
-        return START_S + of_cores / busy + end_s(len(self.plan))
+        core_s = sum(jobs * (self._job_s(m, costs) or 0.0) for m, jobs in self.left.items())
+        busy_workers = max(1, min(self.workers, self.jobs))
+        return START_S + core_s / busy_workers + end_s(len(self.plan))
 
     def _job_s(self, method: str, costs: Mapping[str, MeasuredMethod]) -> float | None:
-        """Return the seconds of a core that a job takes, scores included; None if unknown."""
+        """Return the seconds that a method's job takes of a core, its scores included.
+
+        None where the cost of the method is not known.
+        """
         views = self.plan.protocol.views
         if method == GROUND_TRUTH:
             return views * (_TRUTH_MS / 1000 + IMAGE_S)
@@ -407,19 +457,26 @@ class RunStatus:
 
 
 def run_status(options: Options) -> RunStatus:
-    """Return what `bench run` would do; nothing is written. Raises BadInput as `run`."""
+    """Return what `bench run` would do with these options; nothing is written.
+
+    Raises BadInput as `run`.
+    """
     directory = options.directory
     protocol, _ = _protocol_and_held(options, fetches=False)
     workers, planned = workers_of(protocol.suite, options), plan(protocol)
-    first = Counter(job.method for job in planned[0].jobs)
-    left, stored_b = {method: jobs * len(planned) for method, jobs in first.items()}, 0
+    jobs_of_an_object = Counter(job.method for job in planned[0].jobs)  # the same for each object
+    left = {method: jobs * len(planned) for method, jobs in jobs_of_an_object.items()}
+    stored_b = 0
     if not options.fresh:
         with open_store(directory) as store:
-            for obj in () if store.is_empty else planned:
-                done = settled(obj, store)
-                for job in obj.jobs:
-                    left[job.method] -= job.key in done
-            stored_b = 0 if store.is_empty else (directory / STORE).stat().st_size
-    elif not (directory / MANIFEST).exists():  # else it would be renamed
+            if not store.is_empty:
+                stored_b = (directory / STORE).stat().st_size
+                for obj in planned:
+                    done = settled(obj, store)
+                    done_of_object = Counter(job.method for job in obj.jobs if job.key in done)
+                    for method, jobs in done_of_object.items():
+                        left[method] -= jobs
+    elif not (directory / MANIFEST).exists():
+        # `--fresh` would rename a run out of the way, but nothing else that lies there.
         check_directory(directory, {})
     return RunStatus(directory, planned, left, workers, stored_b)

@@ -50,29 +50,34 @@ from data_prep.randomness import generator
 from data_prep.rendering.images import to_uint8
 from data_prep.scene import IMAGE_SIZE, CloudOrigin, PointCloud, Renderer, UInt8Images, View
 
-_REFERENCES_KEPT = 4  # ground truths in memory: the jobs of an object follow each other
+# How many ground truths the main process keeps in memory, so that not each job reads its own from
+# the store. Few are enough: the jobs of an object follow each other.
+_REFERENCES_KEPT = 4
 
 
 @dataclass(frozen=True, eq=False)
 class _RenderedViews:
-    """Images of a cloud, notes on the method's repairs, and its times as in a record."""
+    """The images that a job has drawn of its cloud, before they are scored."""
 
     images: UInt8Images
-    notes: str = ""
-    prepare_s: float | None = None
-    draw_s: float | None = None
-    # Of the job so far.
+    notes: str = ""  # what the method says about its repairs of the cloud, "; " between them
+    prepare_s: float | None = None  # seconds for the cloud; None for the ground truth
+    draw_s: float | None = None  # seconds for an image; None for the ground truth
+    # The seconds that the job has taken until now, by the parts of `Result.timing`.
     timing: Mapping[str, float] = field(default_factory=dict)
 
 
 def run_job(job: Job) -> Result:
-    """Carry out a job. Whatever a method raises becomes failed records with the reason."""
+    """Carry out a job, and return its result.
+
+    Whatever a method raises makes a result without images, with the reason.
+    """
     drawn = _draw_job(job)
     return _score_job(job, drawn) if isinstance(drawn, _RenderedViews) else drawn
 
 
 def _draw_job(job: Job) -> _RenderedViews | Result:
-    """Draw the images of a job; the result of one that fails."""
+    """Draw the images of a job, and return them, or the result of the job where it fails."""
     seconds = dict[str, float]()
     try:
         if job.method != GROUND_TRUTH:
@@ -80,13 +85,17 @@ def _draw_job(job: Job) -> _RenderedViews | Result:
         else:
             with timed("rendering", seconds):
                 drawn = _RenderedViews(job.object.truth(job.views))
-    except BaseException as error:  # a method may call exit(), or raise KeyboardInterrupt
+    except BaseException as error:  # not only Exception: a method may call exit()
         drawn = _failed(job, error)
     return replace(drawn, timing=seconds)
 
 
 def _score_job(job: Job, drawn: _RenderedViews) -> Result:
-    """Return the result of a job whose images are drawn."""
+    """Score the images that a job has drawn, and return the result of the job.
+
+    Images are scored against the ground truth where the job comes with it, and features are taken
+    of them in any case.
+    """
     seconds = dict(drawn.timing)
     scored: dict[str, NDArray[np.float64]] = {}
     try:
@@ -97,23 +106,31 @@ def _score_job(job: Job, drawn: _RenderedViews) -> Result:
                 scored |= scores(truth, drawn.images)
                 if weights := dict(job.features).get(extractor_of("lpips")):
                     network = lpips_network(weights, device)
-                    codes = map(network.encode, (truth, drawn.images))
-                    scored["lpips"] = network.distance(*codes)
+                    true_codes, drawn_codes = network.encode(truth), network.encode(drawn.images)
+                    scored["lpips"] = network.distance(true_codes, drawn_codes)
             for extractor, weights in job.features:
                 arrays[extractor] = pack(_extractor(extractor, weights, device)(drawn.images))
-        notes, views = stored_text(drawn.notes), pack_views(job.views, scored)
-        times = drawn.prepare_s, drawn.draw_s
-        result = Result(job.key, job.suite, "", notes, *times, views, arrays)
+        result = Result(
+            key=job.key,
+            suite=job.suite,
+            reason="",
+            notes=stored_text(drawn.notes),
+            prepare_s=drawn.prepare_s,
+            draw_s=drawn.draw_s,
+            views=pack_views(job.views, scored),
+            arrays=arrays,
+        )
     except BaseException as error:
         result = _failed(job, error)
     return replace(result, timing=seconds)
 
 
 def _foreign_code(job: Job) -> str:
-    """Return what a job executes that is of others than this project; "" where that is nothing.
+    """Return the names of the code that a job executes and that is not of this project.
 
-    Such code may change its process for all that comes after: it gets workers of its own, and none
-    that scores.
+    It is "" where all code is ours. Code of others may change its process for all jobs that come
+    after. So jobs that execute the same code share workers, which do nothing else, and the scores
+    are taken in other processes.
     """
     foreign = [job.method] if is_foreign(job.method) else []
     if isinstance(job.perturbation, PluginPerturbation):
@@ -125,6 +142,7 @@ def _foreign_code(job: Job) -> str:
 
 
 def _failed(job: Job, error: BaseException) -> Result:
+    """Return the result of a job that an exception has ended."""
     reason = reason_of(error)
     if not isinstance(error, MissingDependency):
         return failed(job, reason)
@@ -132,6 +150,7 @@ def _failed(job: Job, error: BaseException) -> Result:
 
 
 def _unusable(job: Job, reason: str) -> Result:
+    """Return the result of a job that fails for a reason that ends the whole run."""
     result = failed(job, reason)
     return replace(result, unusable=result.reason)
 
@@ -144,23 +163,28 @@ def reason_of(error: BaseException) -> str:
         if isinstance(error, BadInput | StageFailure):
             return f"input: {text}" if isinstance(error, BadInput) else text
         line = (text.splitlines() or ["no message"])[0]
-        # A MemoryError is refused at once: nothing was used up yet.
+        # The reason is of the same kind as that of a worker killed for its use of memory.
         return f"memory: {line}" if isinstance(error, MemoryError) else f"{name}: {line}"
-    except BaseException:  # its text is made by code of others, too
+    except BaseException:  # even the text of an exception is made by code of others
         return f"{name}: its message cannot be shown"
 
 
 def _draw(job: Job, seconds: dict[str, float]) -> _RenderedViews | Result:
+    """Draw the cloud of a job by its method, and return the images, or the result of a failure.
+
+    The seconds that the method takes are added to `seconds["methods"]`.
+    """
     address = job.address or job.method
     method = find_run_method(address)
     try:
         with timed("methods", seconds):
             renderer = load_renderer(address, job.device)
-    except BadInput as error:  # unusable weights fail every job alike
+    except BadInput as error:  # weights that cannot be used: all jobs of the method would fail
         return _unusable(job, str(error))
     truth = None if job.reference is None else unpack(job.reference)
     seen = job
-    if not method.sees_cloud and job.perturbation == Unchanged():  # one job for every condition
+    if not method.sees_cloud and job.perturbation == Unchanged():
+        # This job stands for all conditions, so its cloud must not depend on the one it names.
         seen = replace(job, condition=UNPERTURBED)
     cloud, rng = replace(cloud_of(seen), origin=_origin(job)), rng_of(seen)
     begun = time.perf_counter()
@@ -170,7 +194,7 @@ def _draw(job: Job, seconds: dict[str, float]) -> _RenderedViews | Result:
     except MissingDependency:
         raise
     except BaseException as error:
-        # Of images that were drawn elsewhere, the time to read them is no cost.
+        # Where images were drawn elsewhere, the time to read them is no cost of the method.
         taken_s = time.perf_counter() - begun if method.images is None else None
         return failed(job, reason_of(error), taken_s)
     scale = note_on_scale(cloud.points) if job.perturbation == Unchanged() else None
@@ -188,9 +212,12 @@ def draw(
     *,
     side: int = IMAGE_SIZE,
 ) -> _RenderedViews:
-    """Draw a cloud, `batch` views a call (None: all of them), and check the images.
+    """Draw a cloud, check the images, and return them with the times that they took.
 
-    Their side is one of `method.sizes`.
+    batch  how many views are drawn in one call; None for all of them
+    truth  the true images, uint8 [V, H, W, 3], where there are any: a blank image is no failure
+           where the true one is blank, too
+    side   the width and height of the images in pixels, one of `method.sizes`
 
     Raises whatever the method raises, and StageFailure for anything but images, and for blank ones.
     """
@@ -200,14 +227,19 @@ def draw(
     prepared = time.perf_counter()
     size = batch or len(views)
     batches = [views[i : i + size] for i in range(0, len(views), size)]
-    of_size: dict[str, Any] = {} if side == IMAGE_SIZE else {"size": side}
-    drawn = [renderer.draw(state, part, rng, **of_size) for part in batches]
+    # Renderers that draw in one size only take no argument for it.
+    size_argument: dict[str, Any] = {} if side == IMAGE_SIZE else {"size": side}
+    drawn = [renderer.draw(state, part, rng, **size_argument) for part in batches]
     done = time.perf_counter()
-    checked = (checked_images(i, len(part), side) for i, part in zip(drawn, batches, strict=True))
-    images = np.concatenate([*checked])
+    checked = []
+    for images_of_part, part in zip(drawn, batches, strict=True):
+        checked.append(checked_images(images_of_part, len(part), side))
+    images = np.concatenate(checked)
     if method.id not in FLOORS:
         _refuse_blank(images, truth, len(cloud.points))
-    if method.images is not None:  # reading them tells nothing about the method
+    if method.images is not None:
+        # The images were drawn elsewhere: the time to read them says nothing about the method, so
+        # the times are those that its author claims.
         claims = method.images.claims
         return _RenderedViews(images, CLAIMED, claims.prepare_s, claims.draw_s)
     notes = "; ".join(getattr(state, "notes", ()))
@@ -215,20 +247,23 @@ def draw(
 
 
 def seen_by(method: Method, cloud: PointCloud) -> PointCloud:
-    """Return the cloud as the method gets it: without mesh or origin where it is not to look."""
-    source, origin = method.sees_mesh, method.images
-    return PointCloud(
-        cloud.points, cloud.source if source else None, cloud.origin if origin else None
-    )
+    """Return the cloud as the method gets it.
+
+    Only the reference methods that draw the true mesh get it, and only methods whose images were
+    drawn elsewhere get the origin of the cloud, by which their images are looked up.
+    """
+    source = cloud.source if method.sees_mesh else None
+    origin = cloud.origin if method.images else None
+    return PointCloud(cloud.points, source, origin)
 
 
 def _refuse_blank(images: UInt8Images, truth: UInt8Images | None, points: int) -> None:
-    """Raise StageFailure where an image is of one colour throughout, unless the true one is."""
+    """Raise StageFailure where an image has one colour throughout and the true one has not."""
 
     def is_flat(images: UInt8Images) -> NDArray[np.bool_]:
         return (images == images[:, :1, :1]).all(axis=(1, 2, 3))
 
-    # A renderer that has lost its context draws such images, or one that looks the wrong way.
+    # Such images come from a renderer that has lost its context, or that looks the wrong way.
     flat = is_flat(images) if truth is None else is_flat(images) & ~is_flat(truth)
     if flat.any():
         few = f"; {points} points are too few" if points < 32 else ""
@@ -239,19 +274,20 @@ def cloud_of(job: Job) -> PointCloud:
     """Return the perturbed cloud, which depends on seed, object and condition only."""
     condition = job.condition
     stored = job.object.perturbed(condition) if isinstance(job.object, ExportedObject) else None
-    if stored is not None:  # in a file, unless the dataset was made without that condition
+    if stored is not None:  # an export has the clouds of the conditions that it was made with
         return stored
     sampled = job.object.cloud(generator(job.seed, "cloud", *job.name.object))
     return job.perturbation.apply(sampled, generator(job.seed, condition, *job.name.object))
 
 
 def cloud_under(job: Job, condition: str) -> PointCloud:
-    """Return the cloud of a job's object under a condition, whatever its method sees."""
+    """Return the cloud of a job's object under a condition, whether or not its method sees it."""
     change = find_condition(condition).perturbation
     return cloud_of(replace(job, condition=condition, perturbation=change))
 
 
 def _origin(job: Job) -> CloudOrigin:
+    """Return what the cloud of a job is: its condition, class, object and views."""
     views = job.object.exported_views if isinstance(job.object, ExportedObject) else job.views
     return CloudOrigin(job.condition, *job.name.object, views)
 
@@ -262,7 +298,10 @@ def rng_of(job: Job) -> np.random.Generator:
 
 
 def checked_images(images: NDArray[np.float32], count: int, side: int = IMAGE_SIZE) -> UInt8Images:
-    """Return images of `count` views as bytes. Raises StageFailure for anything but images."""
+    """Return the images that a method has drawn as uint8 [count, side, side, 3].
+
+    Raises StageFailure for another type or shape, and for values that are not finite.
+    """
     expected = (count, side, side, 3)
     if not isinstance(images, np.ndarray) or images.dtype.kind != "f":
         kind = getattr(images, "dtype", type(images).__name__)
@@ -277,7 +316,10 @@ def checked_images(images: NDArray[np.float32], count: int, side: int = IMAGE_SI
 
 @cache
 def load_renderer(address: str, device: str) -> Renderer:
-    """Return the renderer of a method, loaded once a process; unusable weights are refused."""
+    """Return the renderer of a method, which is loaded once in a process.
+
+    Raises BadInput for weights that cannot be used.
+    """
     return find_run_method(address).load(device)
 
 
@@ -288,50 +330,56 @@ def _extractor(name: str, weights: str, device: str) -> Extractor:
 
 @dataclass(frozen=True, eq=False)
 class _Step:
-    """A job, or what is left of one whose images were drawn in the company of foreign code."""
+    """A task of a worker: a whole job, or drawing or scoring alone where code of others draws."""
 
     job: Job
-    company: str
-    drawn: _RenderedViews | None = None
+    # The code of others that the step executes, "" for none: steps with the same share workers.
+    foreign_code: str
+    drawn: _RenderedViews | None = None  # the images, where they are drawn and only to be scored
 
     def do(self) -> Result | _RenderedViews:
+        """Do the step, and return the result of the job, or the images that are to be scored."""
         if self.drawn is not None:
             return _score_job(self.job, self.drawn)
-        return _draw_job(self.job) if self.company else run_job(self.job)
+        return _draw_job(self.job) if self.foreign_code else run_job(self.job)
 
 
 class JobPool:
     """An executor (`bench.running.pool`) of jobs in worker processes of this machine.
 
-    At most `workers` of them are at work, and not more than there are jobs to come (`count`). A job
-    that takes more than its limits or whose process dies becomes failed records; one that takes too
-    long is tried once more before. The code of others draws in workers of its own, and the images
-    are scored in ours.
+    count    the number of jobs to come
+    workers  how many processes work at a time, at most; not more than there are jobs
+
+    A job whose process dies or takes too much memory has failed; one that takes too long is tried
+    once more first. Code of others draws in workers of its own, and the images are scored in ours.
     """
 
     def __init__(
         self, count: int, workers: int, limits: Limits, tasks_per_worker: int = TASKS_PER_WORKER
     ) -> None:
-        more = {"tasks_per_worker": tasks_per_worker, "company": attrgetter("company")}
-        self._pool: TaskPool[_Step, Any] = TaskPool(_Step.do, min(workers, count), limits, **more)
+        self._pool: TaskPool[_Step, Any] = TaskPool(
+            _Step.do,
+            min(workers, count),
+            limits,
+            tasks_per_worker=tasks_per_worker,
+            group=attrgetter("foreign_code"),
+        )
         self.capacity = self._pool.capacity
-        self._late: set[str] = set()
+        self._late: set[str] = set()  # the keys of the jobs that have taken too long once
 
     def submit(self, job: Job) -> None:
         """Start a job; at most `capacity` may be under way."""
         self._pool.submit(_Step(job, _foreign_code(job)))
 
     def wait_any(self, timeout_s: float | None = None) -> Iterator[Result]:
-        """Wait until jobs have ended, and yield the result of each; nothing after `timeout_s`."""
+        """Wait until jobs have ended, and yield the result of each; none after `timeout_s`."""
         for step, result in self._pool.wait_any(timeout_s):
             is_late = isinstance(result, WorkerFailure) and result.kind == "timeout"
-            if isinstance(result, _RenderedViews):  # it goes on by another step
-                obj = step.job.object  # what executes the code of others is left behind
-                named: Any = SimpleNamespace(class_name=obj.class_name, object_id=obj.object_id)
-                job = replace(step.job, object=named, perturbation=Unchanged())
-                self._pool.submit(_Step(job, "", result))
+            if isinstance(result, _RenderedViews):
+                self._pool.submit(_Step(_without_foreign_code(step.job), "", result))
             elif is_late and step.job.key not in self._late:
-                self._late.add(step.job.key)  # the machine may have been busy
+                # The job may have been late only because the machine was busy.
+                self._late.add(step.job.key)
                 self._pool.submit(step)
             elif isinstance(result, WorkerFailure):
                 yield failed(step.job, result.reason, result.taken_s)
@@ -343,13 +391,27 @@ class JobPool:
         self._pool.close()
 
 
+def _without_foreign_code(job: Job) -> Job:
+    """Return a job whose images are drawn, without what would load code of others in a worker.
+
+    Its object has nothing left but its name, which is all that scoring needs.
+    """
+    obj = job.object
+    name_alone: Any = SimpleNamespace(class_name=obj.class_name, object_id=obj.object_id)
+    return replace(job, object=name_alone, perturbation=Unchanged())
+
+
 def run_jobs(
     jobs: Sequence[Job],
     store: Store,
     title: str,
     start: Callable[[int], Executor],
 ) -> dict[str, Result]:
-    """Do the jobs that the store does not have yet, and return the results of all, by key."""
+    """Do those jobs that the store has no results of, and return the results of all, by key.
+
+    title  names the jobs in the line of progress
+    start  returns an executor for a number of jobs
+    """
     done = store.find([job.key for job in jobs])
     missing = [job for job in jobs if job.key not in done]
     if not missing:
@@ -375,17 +437,26 @@ def do_and_store(
     start: Callable[[int], Executor],
     left_s: Callable[[], float | None] = lambda: None,
 ) -> Generator[Result, None, None]:
-    """Do jobs, at most `count`, and yield each result, without contents, when the store has it.
+    """Do jobs, and yield the result of each when the store has it.
 
-    `jobs` and `left_s` are as in `submit_all`, `start` gives the executor for a number of jobs; it
-    is closed here. Raises MissingDependency where going on makes no sense, and BadInput where a
-    ground truth has changed since it was drawn.
+    jobs    the jobs, in the order of their start, as the tasks of `submit_all`
+    count   how many jobs there are, at most
+    start   returns an executor for a number of jobs; it is closed here
+    left_s  returns the seconds that are left, as in `submit_all`
+
+    Results are yielded without images, features and scores, which are in the store. Raises
+    MissingDependency where a library or a weights file is missing that all further jobs need, and
+    BadInput where a ground truth has changed since it was drawn.
     """
-    read = lru_cache(_REFERENCES_KEPT)(store.array)
-    ready = (
-        replace(job, reference=read(job.reference_key)) if job and job.reference_key else job
-        for job in jobs
-    )
+    read_images = lru_cache(_REFERENCES_KEPT)(store.array)
+
+    def with_truth(job: Job | None) -> Job | None:
+        """Return a job together with the true images that its own are scored against."""
+        if job is None or not job.reference_key:
+            return job
+        return replace(job, reference=read_images(job.reference_key))
+
+    ready = map(with_truth, jobs)
     with closing(start(count)) as executor, closing(submit_all(ready, executor, left_s)) as stream:
         for result in stream:
             if result.unusable:
