@@ -8,7 +8,7 @@ from pathlib import Path
 import pytest
 
 from bench.catalogue.methods import ALLOWED
-from bench.commands.contract import is_own, on_dataset, options_of
+from bench.commands.add import is_own, on_dataset, options_of
 from bench.records.folder import write_manifest
 
 from ..builders import make_manifest

@@ -13,7 +13,7 @@ import pytest
 
 from bench.catalogue.method_files import source_sha256
 from bench.catalogue.methods import ALLOWED, allow_modules, module_method
-from bench.commands.contract import options_of
+from bench.commands.add import options_of
 from bench.commands.terminal import Terminal
 from bench.finish import write_tables_and_figures
 from bench.records.folder import open_folder, read_manifest, write_manifest

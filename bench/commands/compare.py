@@ -1,4 +1,4 @@
-"""The commands on finished runs: table, report, compare."""
+"""`bench compare`: two runs, or two methods of one, object by object."""
 
 from __future__ import annotations
 
@@ -14,11 +14,8 @@ import typer
 
 from bench.analysis import intervals
 from bench.analysis.differences import undecided
-from bench.analysis.run import read_run
 from bench.commands.options import (
     Format,
-    FormatOption,
-    RunDirectory,
     names,
     path_argument,
     path_option,
@@ -32,44 +29,6 @@ from data_prep.datasets.dataset import first_names
 from data_prep.failures import BadInput, CannotWrite
 
 _COMPARISONS = "comparisons"  # the folder within that of a run in which comparisons are written
-
-
-def table(directory: RunDirectory, format_: FormatOption = None) -> None:
-    """Make the tables of a run again, from its records."""
-    from bench.commands.printing import print_outputs
-    from bench.tables.build import write_outputs
-
-    read_run(directory)  # refuses a folder that is no run before a lock file is made in it
-    with locked_run(directory):
-        outputs = write_outputs(read_run(directory))
-    print_outputs(outputs, format_)
-
-
-def report(
-    directories: Annotated[
-        list[Path], path_argument("DIR...", "The folder of a finished run, or of several.")
-    ],
-    out: Annotated[
-        Path | None,
-        path_option(
-            "The HTML file; of several runs a folder. Default: where the runs are.", "--out", "-o"
-        ),
-    ] = None,
-) -> None:
-    """Make an HTML page of a run: tables, curves, images, worst cases, failures; offline.
-
-    Of several runs a page each, and an index over them: their leaderboards by data set and truth.
-    """
-    from bench.report.build import write_report
-    from bench.report.index import write_index
-    from bench.tables.build import make_outputs
-
-    if len(directories) > 1:
-        print(write_index(directories, out))
-        return
-    outputs = make_outputs(read_run(directories[0]))
-    with locked_run(directories[0], "give --out") if out is None else nullcontext():
-        print(write_report(outputs, out))
 
 
 class _ComparisonFormat(StrEnum):
