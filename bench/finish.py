@@ -7,7 +7,6 @@ from dataclasses import replace
 from functools import partial
 from pathlib import Path
 
-from bench.analysis.further_metrics import further_rows
 from bench.analysis.run import Run, read_run
 from bench.catalogue.metrics import column, metrics_device
 from bench.catalogue.plugins import ImageMetric, SetMetric, find_metric
@@ -26,6 +25,7 @@ from bench.report.run_figures import (
 )
 from bench.running.options import Options, device_of
 from bench.running.run import RunResult, Watch, run
+from bench.scoring import further_rows
 from bench.tables.build import Outputs, paper_values, write_outputs, write_tails
 from bench.tables.quality import metric_table
 from bench.tables.table import Table, write_tables

@@ -12,7 +12,7 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from bench.commands.data import inspect
+from bench.check.inspection import inspect
 from bench.running.options import Options
 from data_prep.datasets.registry import ProceduralObject
 from data_prep.files.clouds import save_ply

@@ -13,7 +13,6 @@ from functools import partial
 import numpy as np
 import pytest
 
-from bench.analysis.further_metrics import checked_features, checked_scores, digits_of
 from bench.analysis.run import read_run
 from bench.catalogue.plugins import ImageMetric, SetMetric
 from bench.commands.config import read_config
@@ -26,6 +25,7 @@ from bench.records.frames import read_scores
 from bench.records.job import GROUND_TRUTH, JOB, JobName
 from bench.records.store import STORE
 from bench.report.images import open_sources
+from bench.scoring import checked_features, checked_scores, digits_of
 from bench.tables.build import make_outputs
 from bench.tables.quality import further_tables
 from data_prep.datasets.protocol_version import PROTOCOL_VERSION
