@@ -118,13 +118,13 @@ class RenderOptions:
     )
     out: Path | None = _option(  # noqa: RUF009
         None,
-        "Image file, .png; or a turntable, .gif, .webp, .apng; of several clouds a folder, where "
+        "Image file, .png; or a turntable, .gif, .webp; of several clouds a folder, where "
         "images are replaced. Default: beside the cloud, with its name and .png.",
         flag="--out -o",
     )
     azimuth: tuple[float, ...] = _angles(30.0, "Azimuth in degrees; 0 is the front")
     elevation: tuple[float, ...] = _angles(20.0, "Elevation in degrees, -90 to 90; 0 is level")
-    format: Literal["png", "jpg", "webp", "gif", "apng"] = _option(
+    format: Literal["png", "jpg", "webp", "gif"] = _option(
         "png",
         "Format of the images that -o does not name: of those in a folder, or beside a cloud.",
     )
@@ -143,7 +143,7 @@ class RenderOptions:
         default=str(IMAGE_SIZE),
     )
     background: Literal["white", "transparent"] = _option(
-        "white", "White, or transparent pixels (.png, .apng or .webp)."
+        "white", "White, or transparent pixels (.png or .webp)."
     )
     colour: Literal["method", "invented", "file"] = _option(
         "method",
@@ -236,7 +236,7 @@ def _check_frames(options: RenderOptions, out: Path, is_turntable: bool) -> None
         )
     if frames is not None and not 1 <= frames <= _MOST_FRAMES:
         raise BadInput(f"--frames {frames}: must be 1 to {_MOST_FRAMES}")
-    always_turns = out.suffix.lower() in (".gif", ".apng")  # a .webp may be a still image
+    always_turns = out.suffix.lower() == ".gif"  # a .webp may be a still image
     if len(options.views) > 1 and (frames not in (None, 1) or always_turns):
         raise BadInput(
             f"{out}: a turntable starts at one azimuth; give one azimuth and one elevation, or the "

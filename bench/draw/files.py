@@ -20,12 +20,11 @@ if TYPE_CHECKING:
     from PIL.Image import Image
 
 _STILL = (".png", ".jpg", ".jpeg")  # the suffixes of single images
-MOVING = (".gif", ".webp", ".apng")
+MOVING = (".gif", ".webp")
 _FORMS = {".gif": "GIF", ".webp": "WEBP", ".jpg": "JPEG", ".jpeg": "JPEG"}  # others are PNG
 _TURN_MS = 3600  # milliseconds that a whole turn takes, about: slow enough to look at
 _LEAST_MS = 40  # the shortest time of a frame in milliseconds: 25 frames a second
 _GIF_MS = 10  # the unit of time in a GIF in milliseconds: times of frames are multiples of it
-_KMEANS_STEPS = 4  # turntable of one chair: 4.8 grey levels off (rms) in place of 5.4
 
 
 def image_of_cloud(cloud: Path, out: Path | None, form: str = "png") -> Path:
@@ -128,8 +127,8 @@ def moves(path: Path) -> bool:
     suffix = path.suffix.lower()
     if suffix not in (*_STILL, *MOVING):
         raise BadInput(
-            f"{path}: images are written as PNG or JPEG, turntables as GIF, WebP or APNG; give a "
-            f"name that ends in {', '.join(_STILL[:2])}, {', '.join(MOVING[:-1])} or {MOVING[-1]}"
+            f"{path}: images are written as PNG or JPEG, turntables as GIF or WebP; give a name "
+            f"that ends in {', '.join(_STILL[:2])}, {', '.join(MOVING[:-1])} or {MOVING[-1]}"
         )
     return suffix in MOVING
 
@@ -139,14 +138,14 @@ def check_opacity(path: Path) -> None:
     if (form := _FORMS.get(path.suffix.lower())) in ("GIF", "JPEG"):
         raise BadInput(
             f"{path}: a {form} cannot have transparent pixels; give a name that "
-            "ends in .png, .apng or .webp"
+            "ends in .png or .webp"
         )
 
 
 def write_images(frames: NDArray[np.uint8], path: Path) -> None:
     """Write an image, or a turntable that loops, whole or not at all.
 
-    PNG, APNG and WebP keep the pixels, a GIF has 256 colours, a JPEG is compressed (quality 95).
+    PNG and WebP keep the pixels, a GIF has 256 colours, a JPEG is compressed (quality 95).
 
     Parameters
     ----------
@@ -154,7 +153,7 @@ def write_images(frames: NDArray[np.uint8], path: Path) -> None:
         uint8 [F, H, W, 3] or an image [H, W, 3], or 4 with an opacity, which a GIF and a JPEG
         cannot have; a PNG and a JPEG take the first one.
     path : Path
-        .png or .jpg for an image, .gif, .webp or .apng for a turntable.
+        .png or .jpg for an image, .gif or .webp for a turntable.
 
     Raises
     ------
@@ -181,30 +180,15 @@ def write_images(frames: NDArray[np.uint8], path: Path) -> None:
 
 
 def in_one_palette(frames: NDArray[np.uint8]) -> list[Image]:
-    """Return frames uint8 [F, H, W, 3] in the same 256 colours, one of which is white.
+    """Return frames uint8 [F, H, W, 3] in the same 256 colours at most, chosen by Pillow.
 
     Each pixel gets the nearest of these colours.
     """
-    # With a palette for each frame, or with dithering, the film would flicker.
     from PIL import Image
-    from scipy.spatial import cKDTree
 
-    packed = frames.astype(np.uint32) @ np.array([1 << 16, 1 << 8, 1], np.uint32)
-    values, which, counts = np.unique(packed, return_inverse=True, return_counts=True)
-    colours = ((values[:, None] >> np.array([16, 8, 0], np.uint32)) & 255).astype(np.uint8)
-    drawn = (colours < 255).any(axis=1)
-    palette = np.full((256, 3), 255, np.uint8)
-    if drawn.any():
-        # Colours count by the root of their pixels: in full, large even areas would take the
-        # palette; not at all, shades of grey would be lost beside many colours.
-        weights = np.sqrt(counts[drawn]).astype(np.int64)
-        pool = Image.fromarray(np.repeat(colours[drawn], weights, axis=0)[:, None])
-        chosen = pool.quantize(255, Image.Quantize.MEDIANCUT, kmeans=_KMEANS_STEPS).getpalette()
-        colours_chosen = np.array(chosen, np.uint8).reshape(-1, 3)[:255]
-        palette[: len(colours_chosen)] = colours_chosen
-    _, nearest = cKDTree(palette.astype(float)).query(colours.astype(float))
-    indexed = np.ravel(nearest).astype(np.uint8)[which].reshape(frames.shape[:3])
-    images = [Image.fromarray(frame) for frame in indexed]
-    for image in images:
-        image.putpalette(palette.tobytes())
-    return images
+    # With a palette for each frame, or with dithering, still pixels would flicker. So the colours
+    # are chosen for all frames together, one below the other.
+    together = Image.fromarray(frames.reshape(-1, *frames.shape[2:]))
+    chosen = together.quantize(256, dither=Image.Dither.NONE)
+    whole = [Image.fromarray(frame) for frame in frames]
+    return [image.quantize(palette=chosen, dither=Image.Dither.NONE) for image in whole]

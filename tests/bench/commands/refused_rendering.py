@@ -1,6 +1,6 @@
 """Command lines of `bench render` that are refused, and what their one line says."""
 
-WRITTEN = "images are written as PNG or JPEG, turntables as GIF, WebP or APNG; give a name that"
+WRITTEN = "images are written as PNG or JPEG, turntables as GIF or WebP; give a name that"
 BOTH = "clouds/a.xyz and other/a.xyz would both be drawn as images/a.png; rename one, or draw "
 _BY_START = {
     "render cloud.xyz": {
@@ -30,7 +30,7 @@ _BY_START = {
         "--frames 0 -o turn.gif": "--frames 0: must be 1 to 120",
         "--frames 121 -o turn.gif": "--frames 121: must be 1 to 120",
         "-o meshes": f"meshes: {WRITTEN}",
-        "-o out.bmp": f"out.bmp: {WRITTEN} ends in .png, .jpg, .gif, .webp or .apng",
+        "-o out.bmp": f"out.bmp: {WRITTEN} ends in .png, .jpg, .gif or .webp",
         "-o folder.png": "folder.png: is a folder; give the name of a file",
         "-o new/out.png": "new/out.png: no such folder, new; make it, or give another -o",
         "--size 15": "--size 15: must be 16 to 2048",

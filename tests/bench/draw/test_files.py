@@ -38,7 +38,7 @@ def test_one_image(tmp_path):
         assert np.array_equal(np.asarray(written), image)
 
 
-@pytest.mark.parametrize(("suffix", "colours"), [("gif", 255), ("webp", 5000), ("apng", 5000)])
+@pytest.mark.parametrize(("suffix", "colours"), [("gif", 255), ("webp", 5000)])
 def test_films_loop_and_show_what_they_were_given(tmp_path, suffix, colours):
     """A GIF in as many colours as there may be: white and 255 others."""
     given = noise(12, colours)
@@ -75,7 +75,7 @@ def test_still_pixels_do_not_flicker():
 def test_an_opacity_is_kept_where_the_format_has_one(tmp_path):
     given = np.concatenate([noise(3, 500), noise(3, 200)[..., :1]], axis=3)
     given[..., 3] |= 1  # colours of what cannot be seen need not be kept
-    for name in ("a.png", "a.webp", "a.apng"):
+    for name in ("a.png", "a.webp"):
         write_images(given, tmp_path / name)
         with Image.open(tmp_path / name) as image:
             assert np.array_equal(np.asarray(image.convert("RGBA")), given[0])
