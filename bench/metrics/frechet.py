@@ -256,10 +256,10 @@ def _minus(whole: Moments, part: Moments) -> Moments:
 
 def _cholesky(scatter: Floats, rounding: float) -> Floats:
     """Return a factor [r, d] of a scatter [d, d], of the pivots above `rounding`."""
-    from scipy.linalg import get_lapack_funcs  # a moment to import, which most commands need not
+    # A moment to import, which most commands need not.
+    from scipy.linalg.lapack import dpstrf  # pyright: ignore[reportAttributeAccessIssue] (stub gap)
 
-    (pstrf,) = get_lapack_funcs(("pstrf",), dtype=np.float64)
-    triangle, order, rank, _ = pstrf(scatter, rounding)
+    triangle, order, rank, _ = dpstrf(scatter, rounding)
     pivots = triangle.diagonal()[:rank] ** 2
     rank = np.count_nonzero(pivots > rounding)  # LAPACK takes a first pivot of any size
     factor = np.empty((rank, len(scatter)))
