@@ -103,8 +103,16 @@ def _upsample_then_conv(x: Tensor, conv: nn.Conv2d) -> Tensor:
 
     Both steps are one transposed convolution, which has 4 products for a value in place of 9.
     """
-    kernel = 4 * functional.avg_pool2d(conv.weight.flip(2, 3), 2, stride=1, padding=1)
-    return functional.conv_transpose2d(x, kernel.transpose(0, 1), conv.bias, stride=2, padding=1)
+    kernel = upsampling_kernel(conv.weight)
+    return functional.conv_transpose2d(x, kernel, conv.bias, stride=2, padding=1)
+
+
+def upsampling_kernel(kernel: Tensor) -> Tensor:
+    """Return the kernel [cin, cout, 4, 4] of the transposed convolution of stride 2, padding 1.
+
+    kernel  [cout, cin, 3, 3], of the convolution that follows nearest up-sampling x2
+    """
+    return 4 * functional.avg_pool2d(kernel.flip(2, 3), 2, stride=1, padding=1).transpose(0, 1)
 
 
 class UpBlock(nn.Module):

@@ -78,7 +78,7 @@ class SplatNetRenderer:
                 )
             self.engine = Points2PixEngine(self.network)
         else:
-            self.engine = FoldedSplatNet(self.network, precision, size)
+            self.engine = FoldedSplatNet(self.network, precision)
 
     @exact_inference()
     def prepare(self, cloud: PointCloud, rng: np.random.Generator | None = None) -> Surfels:

@@ -31,8 +31,6 @@ from bench.metrics.packaged_weights import (
     read_lpips_weights,
     read_tensors,
 )
-from data_prep.scene import IMAGE_SIZE
-from learning.convolution import Convolution
 from learning.exact import exact_inference
 
 BATCH = 10  # images in one call of the network: another number may move a value by 1e-7
@@ -67,18 +65,16 @@ class _Dists:
         }
         total = weights["alpha"].sum() + weights["beta"].sum()
         checkpoint = read_lpips_weights(trunk, "vgg")[_TRUNK.name]
-        self._convolutions, channels, side = [], [3], IMAGE_SIZE
+        # Of each convolution the kernel [cout, cin, K, K], channels last, and the bias [cout].
+        self._kernels: list[tuple[Tensor, Tensor]] = []
+        channels = [3]
         for i, conv in enumerate(_TRUNK.layers):
             kernel, bias = (
                 torch.from_numpy(checkpoint[f"Conv_{i}"][part]).to(device, torch.float64)
                 for part in ("kernel", "bias")
             )
-            side = side // 2 if conv.pooled else side
-            like = (BATCH, kernel.shape[2], side, side)
-            kernel = kernel.permute(3, 2, 0, 1)
-            self._convolutions.append(
-                Convolution(kernel, bias, like, dtype, padding=conv.padding, relu=True)
-            )
+            kernel = kernel.permute(3, 2, 0, 1).to(dtype, memory_format=torch.channels_last)
+            self._kernels.append((kernel, bias.to(dtype)))
             channels += [len(bias)] if conv.seen else []
         self._alpha, self._beta = (
             torch.split(weights[name] / total, channels) for name in ("alpha", "beta")
@@ -112,8 +108,8 @@ class _Dists:
         )
         stages = [x]
         x = (x - mean) / deviation
-        for conv, convolve in zip(_TRUNK.layers, self._convolutions, strict=True):
-            x = convolve(pooled(x) if conv.pooled else x)
+        for conv, kernel in zip(_TRUNK.layers, self._kernels, strict=True):
+            x = conv.applied(pooled(x) if conv.pooled else x, *kernel).relu_()
             if conv.seen:
                 stages.append(x)
         return stages

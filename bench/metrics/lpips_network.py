@@ -29,8 +29,6 @@ from torch import Tensor
 from torch.nn import functional
 
 from bench.metrics.packaged_weights import Net, find_lpips_weights, read_lpips_weights
-from data_prep.scene import IMAGE_SIZE
-from learning.convolution import Convolution
 from learning.exact import exact_inference
 
 BATCH = 10  # images in one call of the network: another number may move a value by 1e-7
@@ -56,6 +54,10 @@ class _Conv(NamedTuple):
     padding: int
     pooled: bool
     seen: bool
+
+    def applied(self, x: Tensor, kernel: Tensor, bias: Tensor) -> Tensor:
+        """Return the convolution of activations [N, c, h, w], before the ReLU."""
+        return functional.conv2d(x, kernel, bias, stride=self.stride, padding=self.padding)
 
 
 class _Trunk(NamedTuple):
@@ -137,7 +139,7 @@ class _Activations:
 
 
 class Lpips:
-    """A network with its heads; it is made for images of IMAGE_SIZE, and takes others, too.
+    """A network with its heads.
 
     Convolutions keep all digits of the precision on a GPU, too (`learning.exact`).
     """
@@ -164,20 +166,13 @@ class Lpips:
             array = functools.reduce(dict.__getitem__, names, checkpoint)
             return torch.from_numpy(array).to(device, torch.float64)
 
-        self._convolutions = []
-        side = IMAGE_SIZE
-        for i, conv in enumerate(trunk.layers):
+        # Of each convolution the kernel [cout, cin, K, K], channels last, and the bias [cout].
+        self._kernels: list[tuple[Tensor, Tensor]] = []
+        for i in range(len(trunk.layers)):
             kernel = read(trunk.name, f"Conv_{i}", "kernel").permute(3, 2, 0, 1)
             bias = read(trunk.name, f"Conv_{i}", "bias")
-            if conv.pooled:
-                side = trunk.pooled(torch.empty(1, 1, side, side, device="meta")).shape[-1]
-            like = (BATCH, kernel.shape[1], side, side)
-            steps = {"stride": conv.stride, "padding": conv.padding}
-            blurred = trunk.blurred and i == 0
-            convolution = Convolution(kernel, bias, like, dtype, relu=not blurred, **steps)
-            self._convolutions.append(convolution)
-            side = (side + 2 * conv.padding - conv.kernel) // conv.stride + 1
-            side = (side + 1) // 2 + 1 if blurred else side
+            kernel = kernel.to(dtype, memory_format=torch.channels_last)
+            self._kernels.append((kernel, bias.to(dtype)))
         self._last: list[tuple[NDArray[np.uint8], _Activations]] = []
         heads = range(sum(conv.seen for conv in trunk.layers))
         self._heads = [
@@ -214,10 +209,11 @@ class Lpips:
         x = torch.from_numpy(images.copy()).to(self.device).permute(0, 3, 1, 2).to(self.dtype)
         x = (x / 127.5 - 1.0 - self._shift) / self._scale
         layers = []
-        for conv, convolve in zip(self._trunk.layers, self._convolutions, strict=True):
-            x = convolve(self._trunk.pooled(x) if conv.pooled else x)
-            if not convolve.relu:
-                x = _blurred(x).relu_()
+        for i, (conv, kernel) in enumerate(zip(self._trunk.layers, self._kernels, strict=True)):
+            x = conv.applied(self._trunk.pooled(x) if conv.pooled else x, *kernel)
+            if self._trunk.blurred and i == 0:
+                x = _blurred(x)
+            x = x.relu_()
             if conv.seen:
                 layers.append(x / (torch.linalg.vector_norm(x, dim=1, keepdim=True) + TINY))
         return [*layers, x.mean(dim=(2, 3))]

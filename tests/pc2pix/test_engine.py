@@ -10,7 +10,6 @@ from pc2pix.model import Generator, ModelConfig
 
 from .networks import drawn, live_in
 
-# blocks end with 128, 64, 32, 16 and 8 channels: every form of up-sampling, in both precisions
 SMALL = ModelConfig(width=0.125, latent_dim=4)
 TURNING = ModelConfig(width=0.03, latent_dim=4, azimuth="sine-cosine")
 
@@ -58,7 +57,7 @@ def test_bfloat16_is_bfloat16(generator):
 
 
 def test_groups_are_whole_and_in_order():
-    """Five images in groups of two, and one by one with other kernels."""
+    """Five images in groups of two, and one by one."""
     generator = lived_in(TURNING)
     given = inputs(TURNING, 5)
     grouped = FoldedGenerator(generator, "float32", group_bytes=2 * 2 * 128 * 128 * 2 * 4)

@@ -83,7 +83,7 @@ def test_sizes_that_are_refused(size):
 def test_images_that_are_not_finite_fail_by_name(cloud):
     renderer = build()
     state = renderer.prepare(cloud)
-    renderer.engine.for_many.last.bias[0] = torch.nan
+    renderer.engine.network.last.bias[0] = torch.nan
     with pytest.raises(StageFailure, match="gives an image that is not finite") as failure:
         renderer.draw(state, VIEWS)
     assert failure.value.stage == "draw"
