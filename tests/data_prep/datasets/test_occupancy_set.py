@@ -1,5 +1,7 @@
 from __future__ import annotations
 
+import sys
+
 import numpy as np
 import pytest
 
@@ -11,13 +13,14 @@ from data_prep.datasets.occupancy_set import (
     winding_numbers,
 )
 from data_prep.datasets.procedural import WidenedObject
-from data_prep.failures import BadInput
+from data_prep.failures import BadInput, MissingDependency
 from data_prep.randomness import generator
 from data_prep.scene import CLOUD_SIZE, Mesh
 from data_prep.shapes.solids import box, join, lathe, loft
 
 GREY = (120, 120, 120)
 BOX = join([box((0.1, 0.2, 0.3), (0.4, 0.6, 0.8), GREY)])
+APART = 0.05  # of numbers that are approximations
 PLACES = np.random.default_rng(0).uniform(-1, 1, (4000, 3)).astype(np.float32)
 
 
@@ -37,7 +40,7 @@ def test_the_inside_of_a_sphere():
     radius = np.linalg.norm(PLACES, axis=1)
     clear = np.abs(radius - 0.8) > 0.8 * (1 - np.cos(np.pi / 32))
     found = winding_numbers(join([ball]), PLACES)
-    np.testing.assert_array_equal(found[clear], (radius < 0.8)[clear])
+    np.testing.assert_allclose(found[clear], (radius < 0.8)[clear], rtol=0, atol=APART)
 
 
 def test_solids_that_overlap_are_counted_and_a_hole_is_outside():
@@ -55,10 +58,10 @@ def test_solids_that_overlap_are_counted_and_a_hole_is_outside():
     )
     found = winding_numbers(mesh, PLACES)
     apart = np.abs(PLACES - (-0.5, -0.5, 0)).max(axis=1) > 0.45
-    np.testing.assert_array_equal(found[apart], (first * 1 + second)[apart])
-    assert found.max() == 2
+    np.testing.assert_allclose(found[apart], (first * 1 + second)[apart], rtol=0, atol=APART)
+    assert found.max() > 2 - APART
     middle = np.array([[-0.5, -0.5, 0.0], [-0.2, -0.5, 0.01]], np.float32)
-    np.testing.assert_array_equal(winding_numbers(mesh, middle), [0, 1])
+    np.testing.assert_allclose(winding_numbers(mesh, middle), [0, 1], rtol=0, atol=APART)
 
 
 def test_half_of_the_places_lie_near_the_surface_and_the_others_in_a_ball():
@@ -85,8 +88,6 @@ def test_a_set_has_the_clouds_of_other_trainings_and_labels_of_its_places():
         other = obj.cloud(generator("training cloud", 0, "lamp", f"widened-0000{i}"))
         assert made.clouds[i].tobytes() == other.points.tobytes()
         assert made.clouds[i].tobytes() != cloud.points.tobytes()
-        np.testing.assert_array_equal(made.inside[i], winding_numbers(obj.load(), made.queries[i]))
-        # as solid angles give it
         exact = winding(made.queries[i].astype(np.float64), obj.load())
         np.testing.assert_array_equal(made.inside[i], exact > 0.5)
     alone = occupancy_set(objects[1:], 50, quiet=True)
@@ -100,4 +101,11 @@ def test_a_mesh_without_an_inside_is_refused():
     for mesh in (sheet, inwards):
         with pytest.raises(BadInput, match=r"chair/7: inside and outside .* [0-9]+% of the points"):
             labels(mesh, PLACES, "chair/7")
-    np.testing.assert_array_equal(labels(BOX, PLACES, ""), winding_numbers(BOX, PLACES) > 0)
+    inside = (np.abs(PLACES - (0.1, 0.2, 0.3)) < (0.2, 0.3, 0.4)).all(axis=1)
+    np.testing.assert_array_equal(labels(BOX, PLACES, ""), inside)
+
+
+def test_a_missing_library_is_named_with_its_extra(monkeypatch):
+    monkeypatch.setitem(sys.modules, "igl", None)
+    with pytest.raises(MissingDependency, match=r"libigl; install it .*pc2pix-bench\[train\]"):
+        labels(BOX, PLACES, "chair/7")
