@@ -107,8 +107,10 @@ def check_clouds(name: str) -> Passed:
     farthest = 0.0
     for obj in _sample(_dataset(name)):
         cloud = obj.cloud(generator("contract", obj.object_id))
-        if not len(cloud) or not np.isfinite(cloud.points).all():
-            raise ContractViolation(f"{_named(obj)}: {len(cloud)} points, none or some not finite")
+        if not len(cloud):
+            raise ContractViolation(f"{_named(obj)}: its cloud has no points")
+        if not np.isfinite(cloud.points).all():
+            raise ContractViolation(f"{_named(obj)}: its cloud has points that are not finite")
         farthest = max(farthest, float(np.linalg.norm(cloud.points, axis=1).max()))
     if not 0.2 < farthest < 1.001:
         raise ContractViolation(

@@ -66,7 +66,7 @@ ODD = {
     "many points": ("clouds", "gives 204,800 points, expected 1 to 100,000", True),
     "not finite": ("clouds", "gives 1 points that are not finite", True),
     "two columns": ("clouds", "expected shape [N, 3], got [2048, 2]", True),
-    "far": ("place", "; objects are in the unit sphere", False),
+    "far": ("place", ", as objects are in the unit sphere", False),
     "input": ("clouds", "changes the cloud that it is given; work on a copy", True),
     "global numbers": ("clouds", f"uses global random numbers; {OWN}", True),
     "python's numbers": ("clouds", f"uses global random numbers; {OWN}", True),

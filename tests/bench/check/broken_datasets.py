@@ -108,7 +108,7 @@ FAULTS = {
     "ONE_FINGERPRINT": ("objects", "two objects have the same fingerprint", True),
     "CLOUDS": ("repeatable", "; take all randomness from `rng`", True),
     "SCALE": ("clouds", "bring objects to the unit sphere", True),
-    "NO_POINTS": ("clouds", "0 points, or not finite", True),
+    "NO_POINTS": ("clouds", "has no points", True),
     "FEW_VIEWS": ("views", "2 of 3 views", True),
     "WHITE": ("truth", "its true images are white", True),
     "FLOAT_TRUTH": ("truth", "float64 [2, 128, 128, 3], expected uint8", True),

@@ -280,10 +280,10 @@ FAULTS = {
     "UNSEEDED": ("repeatable", "take all randomness from `rng`", True),
     "UnseededBesideSeeded": ("batches", "take all randomness from `rng`", True),
     "OTHER_VIEWS": ("batches", "an image may not depend on the other views", True),
-    "ChangesState": ("batches", "draw may not change the state", True),
+    "ChangesState": ("batches", "do not change the state in draw", True),
     "IgnoresViews": ("batches", "the same image from 20 views", True),
     "NoViews": ("no views", "ValueError: need at least one array to stack", False),
-    "IGNORES_CLOUD": ("inputs", "the same images for every cloud; say so", True),
+    "IGNORES_CLOUD": ("inputs", "the same images for every cloud; declare", True),
     "SEES_NO_CLOUD": ("inputs", "sees_cloud=False, but with a quarter of the points", True),
     "RemembersTheBrightest": ("calls", "other images after ", True),
     "RaisesAnything": ("three points", "KeyError: 'no triangle'; raise StageFailure", True),
@@ -305,8 +305,13 @@ FAULTS = {
 }
 # Modules with a faulty line: the line, the finding, a part of its text, and whether it blocks.
 MODULES = {
-    "slow": ("import time; time.sleep(2.5)", "import", "do the work where it is needed", False),
-    "heavy": ("import pandas", "import", "loads pandas; import them where", False),
+    "slow": (
+        "import time; time.sleep(2.5)",
+        "import",
+        "do what takes long in the functions",
+        False,
+    ),
+    "heavy": ("import pandas", "import", "loads pandas; import them in", False),
     "leaves": ("import os; os._exit(0)", "import", "os._exit(0) was called", True),
     "raises": ("1 / 0", "import", "ZeroDivisionError: division by zero", True),
 }
