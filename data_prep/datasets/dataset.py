@@ -9,7 +9,7 @@ from pathlib import Path
 from data_prep.datasets.objects import SceneObject, Split
 from data_prep.failures import BadInput
 
-MOST_NAMED = 3  # names in a line of a report; the others are counted
+MOST_NAMED = 3  # the most names in a line of a report, which gives the number of the others
 
 
 @dataclass(frozen=True)
@@ -27,15 +27,15 @@ class Dataset:
     splits : mapping of str to tuple of SceneObject
         Objects of each split; empty where the source has no splits: then all objects are taken.
     measured : str
-        Split that is taken where the caller names none.
+        The split that is taken by default.
     layout : str
         Layout of the source in words.
     orientation : str
         Axes of its objects and how they were turned, in words.
     irregular : tuple of str
-        Missing and odd parts of the source, a line each. None of them prevents its use.
+        Lines on missing and odd parts of the source, none of which prevents its use.
     left_out : str
-        Files beside the objects that are none of them, in a line; empty where there are none.
+        A line on files that are not part of any object; empty where there are none.
     infinite : callable or None
         Function from class, split and index to an object.
     seed : int or None
@@ -94,7 +94,7 @@ class Dataset:
         return matching[:limit]
 
     def _remedy_of_class(self) -> str:
-        """Return what to give instead where a folder has no sub-folder of the class, or ""."""
+        """Return a remedy where a folder has no sub-folder for the class; "" for other sources."""
         if not self.id.startswith("folder:"):
             return ""
         flat = f"{self.id.rstrip('/')}/{self.classes[0]}"  # it has no classes, so it fits any
@@ -123,11 +123,11 @@ class DatasetReader:
 
 @dataclass
 class DatasetListing:
-    """The objects on the disk that a reader collects, class by class, and what is odd about them.
+    """The objects that a reader collects class by class, and lines on what is odd about them.
 
-    Where a source has a split list, the list decides: an object that it names and the disk does not
-    have fails, so that nothing is dropped in silence, and an object that it does not name is left
-    out.
+    Where a source has a split list, the list decides. An object that it names, but that is not on
+    the disk, becomes an object that fails, so that none is dropped without a word. An object that
+    it does not name is left out.
     """
 
     objects: list[SceneObject] = field(default_factory=list)
@@ -141,9 +141,11 @@ class DatasetListing:
         named: Mapping[Split, Sequence[str]],
         absent: Callable[[str], SceneObject],
     ) -> None:
-        """Add the objects of a class by their ids, divided by the ids that a split list names.
+        """Add the objects of a class, and divide them by a split list.
 
-        `absent` returns an object that fails, of an id that is not on the disk.
+        on_disk  the objects that are there, by id
+        named    the ids that the list names, by split
+        absent   the function that returns, for an id that is not on the disk, an object that fails
         """
         self.objects += on_disk.values()
         self.irregular += [f"{class_name}: {line}" for line in differences(named, list(on_disk))]
@@ -171,7 +173,7 @@ def first_names(names: Sequence[str]) -> str:
 
 
 def differences(named: Mapping[Split, Sequence[str]], on_disk: Sequence[str]) -> list[str]:
-    """Return the differences between a split list and the ids on the disk, a line each."""
+    """Return lines on the ids of a split list that are not on the disk, and on the reverse."""
     existing, lines = set(on_disk), []
     for split, ids in named.items():
         missing = [name for name in ids if name not in existing]

@@ -1,10 +1,15 @@
 """A benchmark's inputs as files: `bench data export` writes them, `exported:PATH` reads them.
 
-    objects.csv   class, object, protocol, seed, dataset, file, sha256: a row an object and its mesh
-    clouds.csv    class, object, condition, points, file, sha256: a row a cloud, as methods see it
-    views.csv     class, object, view, azimuth_deg, elevation_deg, file, sha256: a row a true image
-    clouds/, images/, meshes/   the files: PLY, 128 x 128 RGB PNG, PLY with colours of faces
-    croissant.json              the same in the words of Croissant (mlcommons.org/croissant)
+    objects.csv     a row for each object and its mesh: class, object, protocol, seed, dataset,
+                    file, sha256
+    clouds.csv      a row for each cloud, as methods see it: class, object, condition, points, file,
+                    sha256
+    views.csv       a row for each true image: class, object, view, azimuth_deg, elevation_deg,
+                    file, sha256
+    clouds/         the clouds as PLY
+    images/         the true images as PNG, 128 x 128 RGB
+    meshes/         the meshes as PLY with colours of faces
+    croissant.json  a description of all of this in the format Croissant (mlcommons.org/croissant)
 
 A run on these files gives the tables of the run that they were exported from: clouds are float32
 bit for bit, angles have all their digits, and images are stored without loss.
@@ -42,8 +47,8 @@ COLUMNS = {
     CLOUDS: ("class", "object", "condition", "points", "file", "sha256"),
     VIEWS: ("class", "object", "view", "azimuth_deg", "elevation_deg", "file", "sha256"),
 }
-UNPERTURBED = "2048"  # the condition whose cloud is the one that others are made from
-MOST_BYTES = 256 * MIB  # of a list
+UNPERTURBED = "2048"  # the condition that leaves the cloud of an object as it is
+MOST_BYTES = 256 * MIB  # the largest list that is read
 
 
 @dataclass(frozen=True)
@@ -56,7 +61,9 @@ class StoredFile:
     def checked(self) -> Path:
         """Return the path. Raises BadInput for a missing file and another checksum."""
         if file_sha256(self.path) != self.sha256:
-            raise BadInput(f"{self.path}: not the file of the list; fetch the dataset again")
+            raise BadInput(
+                f"{self.path}: does not have the checksum of the list; fetch the dataset again"
+            )
         return self.path
 
 
@@ -64,9 +71,9 @@ class StoredFile:
 class ExportedObject(StoredCloud):
     """An object of an export.
 
-    mesh    None where the object was exported without one
-    clouds  conditions and files
-    images  views and files of the true images
+    mesh    the file of its mesh; None where it was exported without one
+    clouds  the conditions and the files of its clouds
+    images  the views and the files of its true images
     """
 
     class_name: str
@@ -97,7 +104,7 @@ class ExportedObject(StoredCloud):
 
     @property
     def in_grey(self) -> bool:
-        """Return whether the mesh, and with it the images, are of a suite in neutral grey."""
+        """Return whether the object was exported in neutral grey: its mesh, and so its images."""
         return self.mesh is not None and is_grey(self.load())
 
     def perturbed(self, condition: str) -> PointCloud | None:
@@ -194,8 +201,8 @@ def exported_dataset(spec: str, root: Path) -> Dataset:
 def checksum_of(root: Path) -> str:
     """Return the checksum of all that a method sees of an export.
 
-    It is the sha256 of `clouds.csv` and `views.csv`, one after the other: `cat clouds.csv views.csv
-    | sha256sum`.
+    It is the SHA-256 of `clouds.csv` followed by `views.csv`, as `cat clouds.csv views.csv |
+    sha256sum` prints it.
     """
     lists = (read_file(root / name, MOST_BYTES) for name in (CLOUDS, VIEWS))
     return hashlib.sha256(b"".join(lists)).hexdigest()
@@ -204,8 +211,8 @@ def checksum_of(root: Path) -> str:
 def listed_files(root: Path) -> dict[str, str]:
     """Return the files of an export with their checksums, its lists included.
 
-    Raises BadInput as `exported_dataset`, for another protocol, too, and for metadata without the
-    checksums of the lists.
+    Raises BadInput as `exported_dataset` does, also for another protocol, and for metadata without
+    the checksums of the lists.
     """
     path = root / METADATA
     try:

@@ -22,9 +22,11 @@ from data_prep.files.meshes import SUFFIXES
 from data_prep.files.safe_read import files_below
 from data_prep.scene import CLOUD_SIZE, Mesh, PointCloud, View
 
-# A .ply may be either: it is taken for a mesh. A .txt is more often something to read.
+# The suffixes of files that are taken for clouds. A .ply may hold a mesh or a cloud, and is taken
+# for a mesh; a .txt is more often a text for people.
 _BARE_SUFFIXES = tuple(suffix for suffix in CLOUD_SUFFIXES if suffix not in (".ply", ".txt"))
-_RESOURCES = (*MATERIALS, ".bin")  # of meshes
+_RESOURCES = (*MATERIALS, ".bin")  # the suffixes of files that belong to meshes
+# Names of sub-folders that are splits, and no classes.
 _SPLIT_NAMES = {"train", "training", "test", "testing", "val", "valid", "validation"}
 
 

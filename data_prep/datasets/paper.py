@@ -53,10 +53,10 @@ _SPLIT_SUFFIX = "_exp.json"
 _ALL_CLASSES = f"all{_SPLIT_SUFFIX}"
 IMAGES = 20
 VIEWS = "view.txt"
-RADIUS = 0.5  # of the sphere that images show, in the units of the clouds
-_MOST_VIEW_BYTES = 2**16  # the original has 20 lines of two numbers
-_MOST_SPLIT_BYTES = 64 * MIB  # the original's largest, of 43,783 objects, has 2
-_MOST_COLUMNS = 16  # of a line of view.txt
+RADIUS = 0.5  # the radius of the sphere that images show, in the units of the clouds
+_MOST_VIEW_BYTES = 2**16  # the largest view.txt; the original's have 20 lines of two numbers
+_MOST_SPLIT_BYTES = 64 * MIB  # the largest split file; the original's, of 43,783 objects, has 2 MiB
+_MOST_COLUMNS = 16  # the most numbers in a line of view.txt
 _SPLITS: Sequence[Split] = ("train", "test")
 
 
@@ -98,8 +98,8 @@ class PaperObject(StoredCloud):
         if not np.isfinite(points).all():
             raise BadInput(f"{self.cloud_file}: points that are not finite; fetch it again")
         with np.errstate(over="ignore"):
-            # Not normalised: the images show the sphere of radius 0.5 from distance 2, ours the
-            # sphere of radius 1 from distance 4.
+            # Scaled by a fixed factor and not normalised: the images show the sphere of radius 0.5
+            # from the distance 2, which looks like our sphere of radius 1 from the distance 4.
             ours = (PAPER.to_ours(points) / RADIUS).astype(np.float32)
         return random_subset(PointCloud(ours), count, rng)
 
@@ -127,7 +127,7 @@ class PaperObject(StoredCloud):
             raise BadInput(
                 f"{path}: {len(views)} lines, and {count} images are wanted; fetch it again"
             )
-        return tuple(  # our azimuth grows clockwise
+        return tuple(  # the sign changes, as our azimuth grows clockwise
             View(math.remainder(-view.azimuth_deg, 360.0), view.elevation_deg)
             for view in views[:count]
         )
@@ -211,7 +211,7 @@ def paper_dataset(spec: str, root: Path) -> Dataset:
 def _differences(
     root: Path, class_name: str, synset: str, named: Mapping[Split, Sequence[str]]
 ) -> list[str]:
-    """Return the differences between the split and the folders of a class, a line each."""
+    """Return lines on the differences between the split of a class and its folders."""
     clouds, renders = root / CLOUDS / synset, root / RENDERS / synset
     cloud_ids = [p.stem for p in files_in(clouds, (".ply",))] if clouds.is_dir() else []
     image_ids = [p.name for p in folders_in(renders)] if renders.is_dir() else []
@@ -323,7 +323,7 @@ def _first_double(names: Sequence[str]) -> str | None:
 
 # --- what `bench data inspect` tells of the files -------------------------------------------------
 
-_WHITE = 250  # of 255: a pixel with a darker channel belongs to the object
+_WHITE = 250  # the grey level, 0..255, below which a channel shows that a pixel is of the object
 # Ways in which the azimuths of view.txt might be meant: the sign that they are multiplied by, and
 # the degrees that are then added. The first one is taken here.
 READINGS = ((1, 0), (1, 90), (1, 180), (1, 270), (-1, 0), (-1, 90), (-1, 180), (-1, 270))

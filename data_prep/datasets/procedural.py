@@ -17,16 +17,19 @@ from data_prep.randomness import generator
 from data_prep.scene import Mesh
 from data_prep.shapes.catalogue import CLASSES, NOVEL_CLASSES
 
-PROCEDURAL_VERSION = 1  # raise when a shape changes: finished work is then done again
-_SALT = "41ec20ecc29a5c5a3390005bfa849f81"  # of the sealed split
+# A part of the keys of finished work. Raise it when a shape changes, so that work is done again.
+PROCEDURAL_VERSION = 1
+# A part of the seed of the sealed split, so that nobody comes across its objects by chance.
+_SALT = "41ec20ecc29a5c5a3390005bfa849f81"
 
 
 @dataclass(frozen=True)
 class ProceduralObject(MeshObject):
-    """Object `index` of a split. The splits share no random numbers, hence no object.
+    """Object number `index` of a split.
 
-    The sealed split is another in each version of the protocol. The objects of `novel-families`
-    are of structural families that no other split draws.
+    The splits share no random numbers, and so no object. The sealed split has other objects in each
+    version of the protocol. The objects of `novel-families` are of structural families that no
+    other split has.
     """
 
     class_name: str
@@ -56,12 +59,13 @@ class ProceduralObject(MeshObject):
 
 @dataclass(frozen=True)
 class _ForTraining(MeshObject):
-    """Object `index` of shapes that only trainings see."""
+    """Object number `index` of shapes that only trainings see."""
 
     class_name: str
     index: int
     kind: ClassVar[str]
-    draw: ClassVar[str]  # module and function, which are loaded where an object is drawn
+    # The module in data_prep.shapes and its function; they are imported where an object is drawn.
+    draw: ClassVar[str]
 
     @property
     def object_id(self) -> str:
@@ -102,12 +106,18 @@ def _drawn(of_train: type[_ForTraining], class_name: str, split: Split, index: i
 
 
 def training_dataset(spec: str, of_train: type[_ForTraining]) -> Dataset:
-    """Return all classes of the catalogue with a train split of that kind, which is measured."""
+    """Return all classes of the catalogue with the shapes of `of_train` as their train split.
+
+    That split is also the one that is taken by default.
+    """
     return replace(procedural_dataset(spec, "train"), infinite=partial(_drawn, of_train))
 
 
 def procedural_dataset(spec: str, measured: Split) -> Dataset:
-    """Return all classes of the catalogue, or the classes with novel families for that split."""
+    """Return all classes of the catalogue; for the split of novel families, the classes with any.
+
+    measured  the split that is taken by default
+    """
     return Dataset(
         spec,
         tuple(NOVEL_CLASSES if measured == "novel-families" else CLASSES),

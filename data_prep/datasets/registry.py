@@ -62,7 +62,9 @@ _LAYOUTS: Mapping[str, Callable[[Path], bool]] = {
     "shapenet": is_shapenet,
     "modelnet": is_modelnet,
 }
-_MOST_LOOKED_INTO = 500  # folders on each level below one that is searched: a bound on time
+# The most folders that are looked into on each level below a folder in which a dataset is searched
+# for, so that the search ends soon.
+_MOST_LOOKED_INTO = 500
 
 
 def open_dataset(spec: str) -> Dataset:
@@ -140,7 +142,7 @@ def read_dataset(reader: DatasetReader, spec: str, folder: Path) -> Dataset:
 
 
 def recognised(location: str) -> str:
-    """Return the dataset that a folder is, or has within two levels, such as "shapenet:PATH".
+    """Return the dataset in a folder, or up to two levels below it, such as "shapenet:PATH".
 
     Raises BadInput where there is no such folder, and where it has several datasets.
     """
@@ -156,7 +158,7 @@ def _kind_of(root: Path) -> str | None:
 
 
 def _datasets_at(root: Path, location: str) -> list[str]:
-    """Return the dataset that a folder is or is a part of, else those up to two levels below."""
+    """Return the dataset that a folder is, or is a part of; else those up to two levels below."""
     if kind := _kind_of(root):
         return [f"{kind}:{location}"]
     part = root.resolve()

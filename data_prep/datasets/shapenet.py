@@ -37,16 +37,16 @@ from data_prep.files.safe_read import (
 )
 
 _SYNSET = re.compile("[0-9]{8}")
-_SPLIT_FILE = "all.csv"  # id,synsetId,subSynsetId,modelId,split
+_SPLIT_FILE = "all.csv"  # its columns are id,synsetId,subSynsetId,modelId,split
 _TAXONOMY = "taxonomy.json"
-MOST_LIST_BYTES = 64 * MIB  # the published all.csv, of 51,300 objects, has 4
+MOST_LIST_BYTES = 64 * MIB  # the largest list; the published all.csv, of 51,300 objects, has 4 MiB
 _SPLITS: Mapping[str, Split] = {"train": "train", "val": "validation", "test": "test"}
 
 
 @dataclass(frozen=True)
 class _Version:
     name: str
-    path: tuple[str, ...]  # below the folder of the object
+    path: tuple[str, ...]  # the path of the mesh within the folder of the object
     orientation: Orientation
 
     def place(self, class_name: str, folder: Path) -> MeshFile:
@@ -73,10 +73,10 @@ def is_synset(folder: Path) -> bool:
 def shapenet_dataset(spec: str, root: Path) -> Dataset:
     """Return the objects of all synsets in a folder.
 
-    Classes have the names of the 13 of the paper, others the first name in taxonomy.json, else
-    their synset. Splits are those of all.csv, in the folder or beside it; without that file all
-    objects are in one. An object that all.csv names and the disk does not have fails, unless its
-    whole synset is missing.
+    The 13 classes of the paper have the paper's names; other synsets have their first name in
+    taxonomy.json, or else their number. Splits are those of all.csv, which may be in the folder or
+    beside it; without that file all objects are in one split. An object that all.csv names, but
+    that is not on the disk, fails, unless its whole synset is missing.
 
     Raises BadInput where no synset holds a model, and for lists that cannot be read.
     """

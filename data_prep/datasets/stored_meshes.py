@@ -37,12 +37,12 @@ class MeshFile(MeshObject):
     orientation: Orientation = OURS
 
     def fingerprint(self) -> str:
-        """Return a checksum of all that decides the mesh; of an unreadable file say so instead.
+        """Return a checksum of all that decides the mesh; for an unreadable file a text on that.
 
         That is the file, its resources, its orientation and the version of the loader. Resources
-        are the files that it refers to, and those that seem to be its own: of an object with a
-        folder the materials and images in there, of another object the files that have the name of
-        its mesh and another suffix (materials, buffers, textures).
+        are the files that the mesh refers to, and those that seem to belong to it: for an object
+        with a folder of its own the materials and images there, and for any other object the files
+        with the name of its mesh and another suffix (materials, buffers, textures).
         """
         version = f"loader {LOADER_VERSION}"
         turn = self.orientation.columns, self.orientation.signs

@@ -22,9 +22,12 @@ from data_prep.scene import CLOUD_SIZE, IMAGE_SIZE, NEUTRAL_GREY, Points, View, 
 
 _Made = TypeVar("_Made")
 BLACK = (0, 0, 0)
-_CLOUD_POINTS = 4096  # twice what the encoder reads: each step takes another half
-DATA_SEED = 0  # seed of the clouds and views of all trainings, so that these see the same ones
-_FEWEST_A_WORKER = 100  # objects: fewer are made before a process has started
+# The points of a cloud of `training_clouds`: twice as many as the encoder reads, so that each step
+# of a training can take another half of them.
+_CLOUD_POINTS = 4096
+DATA_SEED = 0  # the seed of clouds and views, the same for all trainings, so that all see the same
+# The fewest objects for each worker process: fewer are made sooner than a process has started.
+_FEWEST_A_WORKER = 100
 
 
 @dataclass(frozen=True, eq=False)
@@ -48,8 +51,9 @@ class SurfaceSet:
     """A TrainingSet of meshes with two more images of each view.
 
     seen      the set itself
-    coverage  uint8 [N, V, IMAGE_SIZE, IMAGE_SIZE]: how much of a pixel the object covers, 255 all
-    grey      uint8 [N, V, IMAGE_SIZE, IMAGE_SIZE]: the object in NEUTRAL_GREY, on white
+    coverage  uint8 [N, V, IMAGE_SIZE, IMAGE_SIZE]: the share of a pixel that the object covers,
+              from 0 to 255 for the whole pixel
+    grey      uint8 [N, V, IMAGE_SIZE, IMAGE_SIZE]: the object in NEUTRAL_GREY on white
     """
 
     seen: TrainingSet
@@ -116,12 +120,12 @@ def _seen(views: int, seed: int, obj: SceneObject) -> tuple[Points, NDArray[np.u
 def _in_processes(
     work: Callable[[SceneObject], _Made], objects: Sequence[SceneObject], workers: int
 ) -> Iterator[_Made]:
-    """Yield the results in the order of the objects; of few of them made in this process."""
+    """Yield the results in the order of the objects; for few objects no processes are started."""
     workers = min(workers, len(objects) // _FEWEST_A_WORKER)
     if workers <= 1:
         yield from map(work, objects)
         return
-    # not forked: OpenGL and the threads of a process do not outlive it
+    # The processes are spawned, as OpenGL and threads do not work in a forked process.
     spawn, deaf = multiprocessing.get_context("spawn"), (signal.SIGINT, signal.SIG_IGN)
     with ProcessPoolExecutor(workers, spawn, signal.signal, deaf) as pool:
         try:
@@ -136,8 +140,8 @@ def training_clouds(
 ) -> NDArray[np.float32]:
     """Return clouds float32 [N, M, 3], made by `workers` processes; show progress on stderr.
 
-    M is _CLOUD_POINTS, or less for objects that are smaller clouds themselves. The same objects
-    give the same clouds. Raises BadInput for clouds of several sizes.
+    M is _CLOUD_POINTS, or the number of points of objects that are smaller clouds themselves. The
+    same objects give the same clouds. Raises BadInput for clouds with different numbers of points.
     """
     clouds: list[NDArray[np.float32]] = []
     with progress("sampling", len(objects), quiet=quiet) as advance:

@@ -11,11 +11,12 @@ from typing import Any
 from data_prep.failures import BadInput
 from data_prep.files.safe_read import open_file
 
-MOST_BYTES = 2**32  # of weights or a checkpoint; pc2pix at the paper's width has one of 1.2 GB
+# The largest file of weights or checkpoint. That of pc2pix at the paper's width has 1.2 GB.
+MOST_BYTES = 2**32
 
 
 def file_sha256(path: Path) -> str:
-    """Return the sha256 of a file, read piece by piece. Raises BadInput as `open_file`."""
+    """Return the SHA-256 of a file, read piece by piece. Raises BadInput as `open_file` does."""
     with open_file(path, MOST_BYTES) as file:
         return hashlib.file_digest(file, "sha256").hexdigest()
 
@@ -26,9 +27,12 @@ def fingerprint_of(
     resources: Callable[[], Iterable[Path]],
     most_bytes: int,
 ) -> str:
-    """Return the sha256 of a version, a file, and the names and contents of its resources.
+    """Return the SHA-256 of a version, a file, and the names and contents of its resources.
 
-    Where one of them cannot be read, the result says so ("unreadable: no such file").
+    resources   the function that returns the further files
+    most_bytes  the largest size of each file
+
+    Where one of the files cannot be read, the result says so instead: "unreadable: no such file".
     """
     digest = hashlib.sha256(version.encode())
     path = file
@@ -43,6 +47,6 @@ def fingerprint_of(
 
 
 def _update(digest: Any, path: Path, most_bytes: int) -> None:
-    """Feed a file to a hash, piece by piece."""
+    """Update a hash with the contents of a file, piece by piece."""
     with open_file(path, most_bytes) as file:
         hashlib.file_digest(file, lambda: digest)

@@ -10,18 +10,20 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-COLOURS = "its colours"
-CHANNELS = (  # names of columns
+COLOURS = "its colours"  # what notes call the colours of a file
+# The names of columns that hold red, green and blue.
+CHANNELS = (
     ("red", "r", "diffuse_red"),
     ("green", "g", "diffuse_green"),
     ("blue", "b", "diffuse_blue"),
 )
 _POINT = "(?:p(?:oints?|os(?:ition)?)?|coord(?:inate)?s?)"
-_OF_AXIS = f"(?:field|utm)?{_POINT}?{{}}(?:coord(?:inate)?|[cmk]?m|ft|utm)?"  # point_x, x_m
-_NUMBERED = (
-    f"(?:{_POINT}(?:mxyz)?|col(?:umn)?|var|[cfvx])"  # as ParaView, R and MATLAB number columns
-)
-AXES = (  # patterns of names of x, y and z; the first that fit count
+# A name with a letter for the axis, such as point_x or x_m.
+_OF_AXIS = f"(?:field|utm)?{_POINT}?{{}}(?:coord(?:inate)?|[cmk]?m|ft|utm)?"
+# The beginnings of names with which ParaView, R and MATLAB number columns.
+_NUMBERED = f"(?:{_POINT}(?:mxyz)?|col(?:umn)?|var|[cfvx])"
+# Patterns of the names of x, y and z. The first three that all fit some column are taken.
+AXES = (
     ("x", "y", "z"),
     (
         f"{_OF_AXIS.format('x')}|ea?st(?:e|ing)?|rechtswert",
@@ -31,7 +33,7 @@ AXES = (  # patterns of names of x, y and z; the first that fit count
     (f"{_NUMBERED}0", f"{_NUMBERED}1", f"{_NUMBERED}2"),
     (f"{_NUMBERED}1", f"{_NUMBERED}2", f"{_NUMBERED}3"),
 )
-_MOST_OF_16_BITS = 65535.0
+_MOST_OF_16_BITS = 65535.0  # the largest value of a colour with 16 bits a channel
 
 CloudPoints = NDArray[np.float64]  # [N, 3]
 PointColors = NDArray[np.uint8]  # [N, 3]
@@ -42,14 +44,14 @@ class CloudContents:
     """The points of a file and a description of its other contents.
 
     points       float64 array [N, 3]; coordinates in the order and units of the file
-    unused       other contents of the file, for people: "its colours"
-    lines        line of each point in a text file, from 1
+    unused       names of other contents of the file, for notes, such as "its colours"
+    lines        the line of each point in a text file, counted from 1; None for other files
     has_colors   whether the file has columns that can be read as colours of its points
-    colors       uint8 array [N, 3] or None; red, green and blue of each point; None where they are
-                 not asked for, or not in the file
-    faces        int64 array [F, 3] or None; triangles of points, of a file that may hold a mesh
-    face_colors  uint8 array [F, 3] or None; their colours, as `colors`
-    notes        what the reader guessed or left out, for people
+    colors       uint8 array [N, 3]: red, green and blue of each point; None where they were not
+                 asked for, or where the file has none
+    faces        int64 array [F, 3]: the points of each triangle; None for a file without any
+    face_colors  uint8 array [F, 3]: the colours of the triangles; None as for `colors`
+    notes        lines for the user on what the reader guessed or left out
     """
 
     points: CloudPoints
@@ -80,13 +82,17 @@ def contents_of(
 
 
 class NotACloud(Exception):
-    """A problem of a file with its remedy; `read_cloud` adds the name of the file."""
+    """Raised for a file that holds no cloud, with the problem and its remedy.
+
+    `read_cloud` adds the name of the file.
+    """
 
 
 def axis_columns(names: Sequence[str]) -> tuple[int, ...]:
-    """Return the columns of x, y and z by their names; () where one is not clear.
+    """Return the columns of x, y and z by their names; () where one cannot be told for certain.
 
-    Letters and digits count; names such as `easting` or `points0` do where x, y, z are not there.
+    Only letters and digits of the names are looked at. Where no columns are named x, y and z, names
+    such as `easting` or `points0` are accepted.
     """
     names = [re.sub(r"[^a-z0-9]", "", name.lower()) for name in names]
     for patterns in AXES:
@@ -107,8 +113,11 @@ def color_columns(names: Sequence[str]) -> tuple[int, ...]:
 def colors_of(values: NDArray[np.number], whole: bool = False) -> PointColors:
     """Return channels [N, 3] of any range as bytes.
 
-    The largest value tells the range: 0 to 1, to 255 or to 65535. Where `whole` says that the file
-    holds whole numbers, 1 is a byte. Raises NotACloud for other values.
+    The largest value tells whether the range is 0 to 1, 0 to 255 or 0 to 65535.
+
+    whole  whether the file holds whole numbers; then a largest value of 1 is taken for 1 of 255
+
+    Raises NotACloud for values that are negative, too large or not finite.
     """
     if not np.isfinite(values).all() or values.min(initial=0) < 0:
         raise NotACloud("its colours have values below 0 or not finite; give 0 to 255, or 0 to 1")

@@ -1,8 +1,8 @@
 """Clouds and meshes in PLY, ascii or binary.
 
-Without a library: trimesh reads a truncated text as if it were whole and refuses binary files with
-faces of different sizes; plyfile takes memory for as many rows as the header claims
-(`tests/upstream` shows both), and is under the GPL.
+No library is used: trimesh reads a truncated text as if it were whole, and refuses binary files
+with faces of different sizes; plyfile allocates memory for as many rows as the header claims, and
+is under the GPL (`tests/upstream` shows the defects of both).
 """
 
 from __future__ import annotations
@@ -29,28 +29,32 @@ from data_prep.files.cloud_contents import (
 from data_prep.files.cloud_text import numbers_of, text_lines
 from data_prep.files.safe_read import shown
 
-MOST_HEADER_BYTES = 2**16  # read in search of the end of the header
+MOST_HEADER_BYTES = 2**16  # bytes in which the end of the header is looked for
 
-# The first line tells how lines end: after end_header a \n may be the first byte of the numbers.
+# The first line tells whether lines end with \r, \n or both. After end_header only that is skipped,
+# as a \n there may be the first byte of the numbers.
 _PLY_HEADER = re.compile(
     rb"(?:\xef\xbb\xbf)?ply[ \t]*(?:\r?\n|(\r))((?:.*?[\r\n])?)end_header[ \t]*(?(1)\r|\r?\n)",
     re.DOTALL,
 )
 _BYTE_ORDERS = {"ascii": "=", "binary_little_endian": "<", "binary_big_endian": ">"}
-_PLY_TYPES = {  # as `struct` and numpy call them
+# The types of PLY, by their names, as the letters by which `struct` and numpy know them.
+_PLY_TYPES = {
     "char": "b", "uchar": "B", "short": "h", "ushort": "H", "int": "i", "uint": "I",
     "int8": "b", "uint8": "B", "int16": "h", "uint16": "H", "int32": "i", "uint32": "I",
     "int64": "q", "uint64": "Q", "float": "f", "double": "d", "float32": "f", "float64": "d",
 }  # fmt: skip
-_WHOLE = "bBhHiIqQ"
-_SPLAT_COLOURS = ("f_dc_0", "f_dc_1", "f_dc_2")  # the first spherical harmonic
-_HARMONIC = 0.28209479177387814  # the value of that one, 1 / (2 sqrt(pi))
-_SURFACES = ("face", "tristrips")
-_CORNERS = ("vertex_indices", "vertex_index")
+_WHOLE = "bBhHiIqQ"  # the letters of the types of whole numbers
+# Gaussian splats have colours as coefficients of the first spherical harmonic, which is constant,
+# and the value of that harmonic, 1 / (2 sqrt(pi)).
+_SPLAT_COLOURS = ("f_dc_0", "f_dc_1", "f_dc_2")
+_HARMONIC = 0.28209479177387814
+_SURFACES = ("face", "tristrips")  # the names of elements that hold polygons or strips of triangles
+_CORNERS = ("vertex_indices", "vertex_index")  # the names of their lists of vertices
 
 
 class _Property(NamedTuple):
-    """A property: its name, its type, and the type of the lengths of lists, else ""."""
+    """A property: its name, its type, and for a list the type of its length, else ""."""
 
     name: str
     kind: str
@@ -63,24 +67,32 @@ class _Element(NamedTuple):
     properties: list[_Property]
 
     def names(self, lists: bool = False) -> list[str]:
-        """Return the names of the properties that are lists, or are none; "" for the others."""
+        """Return the names of all properties that are lists, or, by default, of those that are not.
+
+        An empty text stands for each of the others.
+        """
         return [p.name if bool(p.length) == lists else "" for p in self.properties]
 
 
 class _Table(NamedTuple):
-    """The rows of an element: the numbers of each property, of lists their lengths and entries."""
+    """The rows of an element.
+
+    columns  for each property an array with its numbers; for a list those are its lengths
+    entries  for each property that is a list an array with the entries of all rows
+    end      the position in the file of the byte behind the last row
+    """
 
     element: _Element
     columns: Sequence[NDArray[Any]]
     entries: Sequence[NDArray[Any]]
-    end: int  # of its bytes
+    end: int
 
     def numbers(self, indices: Sequence[int]) -> NDArray[np.float64]:
-        """Return the numbers [rows, properties] of some properties."""
+        """Return the numbers of the properties at these indices, float64 [rows, properties]."""
         return np.stack([self.columns[i].astype(np.float64) for i in indices], axis=1)
 
     def colors(self, wanted: bool) -> tuple[bool, PointColors | None]:
-        """Return whether the rows have colours, and these if they are wanted."""
+        """Return whether the rows have colours, and the colours if they are wanted."""
         names = self.element.names()
         columns = color_columns(names)
         harmonics = not columns and set(_SPLAT_COLOURS) <= set(names)
@@ -95,11 +107,11 @@ class _Table(NamedTuple):
         return True, colors_of(values, whole)
 
     def triangles(self) -> tuple[NDArray[np.int64], NDArray[np.int64]]:
-        """Return the triangles [F, 3] of polygons or strips, and the row of each."""
+        """Return the triangles [F, 3] of polygons or strips, and the row [F] that each is of."""
         names = self.element.names(lists=True)
         lists = [name for name in names if name]
         corners_of = list(_CORNERS)
-        if len(lists) == 1:  # under whatever name
+        if len(lists) == 1:  # a single list holds the corners, whatever its name is
             corners_of += lists
         index = next((names.index(name) for name in corners_of if name in names), None)
         if index is None:
@@ -120,7 +132,10 @@ class _Table(NamedTuple):
 
 
 def read_ply(data: bytes, with_colors: bool = False) -> CloudContents:
-    """Return the vertices, and the triangles of a mesh."""
+    """Return the vertices of a PLY, and its triangles if it has any.
+
+    Raises NotACloud for a file that is no PLY of points, or is damaged.
+    """
     header = _PLY_HEADER.match(data, 0, MOST_HEADER_BYTES)
     if header is None:
         raise NotACloud("no PLY header (ply ... end_header); use a PLY file")
@@ -200,9 +215,12 @@ def _ply_header(text: bytes) -> tuple[str, list[_Element]]:
 
 
 def _table(element: _Element, data: bytes, start: int, byte_order: str) -> _Table:
-    """Return the rows of an element from a byte of the data on."""
+    """Return the rows of an element, which begin at the byte `start` of the data.
+
+    Raises NotACloud where the data end before the rows do.
+    """
     kinds = [(byte_order + p.kind, p.length and byte_order + p.length) for p in element.properties]
-    if byte_order == "=":  # a text, whose numbers are all stored alike
+    if byte_order == "=":  # `_text_tables` has stored all numbers of a text as float64
         kinds = [("=d", p.length and "=d") for p in element.properties]
     end, row = start, np.dtype([(str(i), kind) for i, (kind, _) in enumerate(kinds)])
     columns, entries = [bytearray() for _ in kinds], [bytearray() for _ in kinds]
@@ -235,7 +253,7 @@ def _table(element: _Element, data: bytes, start: int, byte_order: str) -> _Tabl
 def _text_tables(
     data: bytes, header_lines: int, elements: Sequence[_Element]
 ) -> tuple[list[_Table], list[Sequence[int]]]:
-    """Return the tables of a text, and the line of each row."""
+    """Return the tables of an ascii PLY, and for each table the line of each row."""
     all_lines = text_lines(data)
     rows = ((n, f) for n, line in islice(all_lines, header_lines, None) if (f := line.split()))
     tables, lines = [], []

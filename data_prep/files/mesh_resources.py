@@ -1,4 +1,4 @@
-"""The files that a mesh may refer to: its own materials, textures and buffers, nothing else."""
+"""The files that a mesh may refer to: materials, textures and buffers in its own folder only."""
 
 from __future__ import annotations
 
@@ -12,7 +12,8 @@ from trimesh.resolvers import Resolver
 
 from data_prep.files.safe_read import is_regular_file, read_file
 
-# Names in the text of a file, wherever trimesh looks for one; a name too many does no harm.
+# Patterns of the places in a file, by its suffix, where trimesh looks for the name of another file.
+# They may find too many names: one without a file is passed over.
 _NAMES = {
     ".obj": re.compile(rb"mtllib([^\r\n]+)"),
     ".mtl": re.compile(rb"map_kd([^\r\n]+)", re.IGNORECASE),
@@ -24,7 +25,8 @@ _NAMES = {
 def files_behind(mesh: Path, most_bytes: int, within: Path | None = None) -> Iterator[Path]:
     """Yield the files that a mesh refers to, and the textures of its materials.
 
-    They are found by the names in it, as `MeshResources` finds them, without parsing the mesh.
+    Their names are searched for in the text of the mesh, which is not parsed, and the files are
+    found as `MeshResources` finds them.
     """
     resources = MeshResources(mesh.parent, most_bytes, within)
     kind = mesh.suffix.lower().replace(".glb", ".gltf")
@@ -38,7 +40,7 @@ def _named(file: Path, kind: str, most_bytes: int, resources: MeshResources) -> 
     if kind not in _NAMES:
         return
     text = read_file(file, most_bytes)
-    if kind == ".obj":  # lines may go on after a backslash
+    if kind == ".obj":  # a backslash at the end of a line continues it
         text = text.replace(b"\\\r\n", b"").replace(b"\\\n", b"")
     for name in _NAMES[kind].findall(text):
         name = name.decode(errors="replace")
@@ -46,14 +48,19 @@ def _named(file: Path, kind: str, most_bytes: int, resources: MeshResources) -> 
             yield path
 
 
-# trimesh before 5.0 reads any path that a mesh gives, and no version checks the kind of the file.
+# This class is needed, as trimesh before 5.0 reads any path that a mesh names, and no version
+# checks whether that is a regular file.
 class MeshResources(Resolver):
-    """The regular files in `folder` and below, of `most_bytes` together; links may not lead out.
+    """The regular files in a folder and below it, which trimesh may read for a mesh.
 
-    Names are understood as in trimesh 5: a path that leads out of the folder stands for the file
-    of that name in it. URLs are such paths, so that nothing is downloaded. Where the files of one
-    mesh lie in several folders (ShapeNetCore.v2: models/ and images/), `within` is their common
-    folder, and paths may lead anywhere in it.
+    folder      the folder of the mesh
+    most_bytes  the largest size of all files that are read together
+    within      the folder that paths may not lead out of, by default `folder`. It is given where
+                the files of one mesh lie in several folders (ShapeNetCore.v2 has models/ and
+                images/)
+
+    Links may not lead out of the folder either. As in trimesh 5, a path that does stands for the
+    file of the same name in the folder. URLs count as such paths, so that nothing is downloaded.
     """
 
     def __init__(self, folder: Path, most_bytes: int, within: Path | None = None) -> None:
@@ -62,7 +69,10 @@ class MeshResources(Resolver):
         self._left = most_bytes
 
     def get(self, key: str) -> bytes:
-        """Return the bytes of a file. Raises FileNotFoundError, and BadInput for a large file."""
+        """Return the bytes of a file.
+
+        Raises FileNotFoundError where there is none, and BadInput where it is too large.
+        """
         path = self.find(key)
         if path is None:
             raise FileNotFoundError(key)
@@ -71,12 +81,16 @@ class MeshResources(Resolver):
         return data
 
     def find(self, key: str) -> Path | None:
-        """Return the path of a file, None where there is none."""
+        """Return the path of the file that a mesh names `key`; None where there is no such file."""
         name = key.strip()
         for candidate in (name, name.lstrip("/"), os.path.split(key)[-1]):
             try:
                 path = (self._folder / candidate).resolve()
-            except (OSError, ValueError, RuntimeError):  # too long, a NUL, links in a circle
+            except (
+                OSError,
+                ValueError,
+                RuntimeError,
+            ):  # a name too long, a NUL in it, a circle of links
                 continue
             if path.is_relative_to(self._within) and is_regular_file(path):
                 return path

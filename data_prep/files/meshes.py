@@ -29,22 +29,29 @@ from data_prep.files.cloud_ply import read_ply
 from data_prep.files.safe_read import open_file, reason_of
 from data_prep.scene import NEUTRAL_GREY, Mesh
 
-LOADER_VERSION = 1  # raise when a change here changes a mesh: finished work is then done again
+# A part of the keys of finished work. Raise it when a change here changes a mesh, so that the work
+# is done again.
+LOADER_VERSION = 1
 SUFFIXES = (".ply", ".obj", ".off", ".stl", ".glb", ".gltf")
 
-MOST_BYTES = 2**30  # of a file, of its resources together, and of the buffer views of a glTF
-MOST_FACES = 50_000_000  # all instances counted
-MOST_PIXELS = 2**26  # of a texture, 8,192 x 8,192; its few bytes become 1.4 GiB on the way
-_MOST_ZEROS = 2**24  # numbers that a glTF leaves out, which means zeros
+# The most bytes of a file, of its resources together, and of the buffer views of a glTF.
+MOST_BYTES = 2**30
+MOST_FACES = 50_000_000  # the most faces of a mesh, where each instance of a part counts
+# The most pixels of a texture (8,192 x 8,192). Its file may be small, but takes 1.4 GiB of memory
+# while it is decoded.
+MOST_PIXELS = 2**26
+_MOST_ZEROS = 2**24  # the most numbers that a glTF may leave out, in whose place trimesh puts zeros
 
 
 @np.errstate(all="ignore")  # a value beyond float32 is refused as not finite
 def load_mesh(path: Path, orientation: Orientation = OURS, within: Path | None = None) -> Mesh:
     """Return the mesh of a file, normalised to the unit sphere.
 
-    Unless another `orientation` is given, the file's axes are kept: +Y has to be up and the front
-    has to look towards -Z already. Raises BadInput as `read_mesh`, and for non-finite vertices, no
-    extent and no area.
+    orientation  the axes of the file that point up and to the front; by default +Y and -Z
+    within       as in `read_mesh`
+
+    Raises BadInput as `read_mesh` does, and for vertices that are not finite, and for a mesh
+    without extent or area.
     """
     stored, unrounded = _read(path, within)
     turned = Mesh(orientation.to_ours(stored.vertices), stored.faces, stored.face_colors)
@@ -61,12 +68,14 @@ def load_mesh(path: Path, orientation: Orientation = OURS, within: Path | None =
 def read_mesh(path: Path, within: Path | None = None) -> Mesh:
     """Return the mesh of a file with its own axes and size.
 
-    Vertices are not merged (trimesh would, and change the surface). Materials, textures and buffers
-    are read from the mesh's own folder only, or from anywhere in `within`, a folder above it.
+    Vertices are not merged: trimesh would do so by default, which changes the surface. Materials,
+    textures and buffers are read from the mesh's own folder only, or from anywhere in `within`, a
+    folder above it.
 
-    Raises BadInput, naming the file: missing, no regular file, too large, not a mesh; and NoFaces.
-    Time and memory grow with the size of the file, not with the sizes it claims; but parsers are
-    libraries, so an untrusted mesh belongs into a worker with limits.
+    Raises BadInput, which names the file, where it is missing, no regular file, too large or no
+    mesh, and NoFaces for a mesh without faces. Time and memory grow with the size of the file, not
+    with the sizes that it claims. As its parsers are libraries all the same, an untrusted mesh
+    should be read in a worker with limits.
     """
     return _read(path, within)[0]
 
@@ -76,12 +85,12 @@ def _read(path: Path, within: Path | None) -> tuple[Mesh, NDArray[np.float64]]:
     if path.suffix.lower() not in SUFFIXES:
         raise BadInput(f"{path}: no mesh by its name; use one of {', '.join(SUFFIXES)}")
     with open_file(path, MOST_BYTES) as file, warnings.catch_warnings():
-        warnings.simplefilter("ignore")  # of libraries, about files; errors are raised below
+        warnings.simplefilter("ignore")  # libraries warn about files; what matters is raised below
         try:
             parts = _parts(file, path, within)
         except BadInput:
             raise
-        except Exception as error:  # trimesh lets through any error of its parsers
+        except Exception as error:  # the parsers of trimesh may raise any exception
             reason = str(error) if isinstance(error, NotACloud) else reason_of(error)
             raise BadInput(
                 f"{path}: not a readable mesh ({reason}); use one of {', '.join(SUFFIXES)}"
@@ -101,7 +110,8 @@ def _parts(file: BinaryIO, path: Path, within: Path | None) -> list[Any]:
 
     from data_prep.files.mesh_resources import MeshResources
 
-    EpsImagePlugin.gs_binary = False  # else a texture in PostScript is run, by Ghostscript
+    # Without this, Pillow would execute a texture in PostScript with Ghostscript.
+    EpsImagePlugin.gs_binary = False
     logging.getLogger("trimesh").setLevel(logging.CRITICAL)  # no tracebacks about textures
     kind = path.suffix.lower()
     if kind in (".glb", ".gltf"):
@@ -111,7 +121,7 @@ def _parts(file: BinaryIO, path: Path, within: Path | None) -> list[Any]:
     resources = MeshResources(path.parent, MOST_BYTES, within)
     try:
         scene = trimesh.load_scene(file, file_type=kind, resolver=resources, process=False)
-    except (ValueError, NameError) as error:  # the latter of corners under another name
+    except (ValueError, NameError) as error:  # NameError: lists of vertices with another name
         if kind != ".ply" or isinstance(error, BadInput):
             raise
         file.seek(0)
@@ -132,7 +142,7 @@ def _parts(file: BinaryIO, path: Path, within: Path | None) -> list[Any]:
     parts = [g for g in scene.dump() if isinstance(g, trimesh.Trimesh) and len(g.faces)]
     if kind == ".off" and parts:
         file.seek(0)
-        # A broken colour costs the colours, not the object.
+        # Where a colour is broken, the object is kept without its colours.
         with suppress(ValueError, IndexError, OverflowError):
             _paint_off(parts[0], file.read())
     return parts
@@ -153,7 +163,8 @@ def _paint_off(part: Any, data: bytes) -> None:
     rows = [line.split() for line in lines[1 + corners :]][: int(lines[0].split()[1])]
     painted = [row[1 + int(row[0]) :] for row in rows]
     if any(len(values) >= 3 for values in painted):
-        # Triangles come in an order of trimesh's own: each face has numbers of its own here.
+        # trimesh returns triangles in another order than the faces. To find the face of each, the
+        # corners are replaced by consecutive numbers, which no two faces share.
         sizes = [len(row) - 1 - len(values) for row, values in zip(rows, painted, strict=True)]
         ends = np.cumsum(sizes)
         owner = np.repeat(np.arange(len(rows)), np.diff(ends, prepend=0))
@@ -163,7 +174,7 @@ def _paint_off(part: Any, data: bytes) -> None:
 
 
 def _off_color(values: Sequence[str]) -> tuple[int, ...]:
-    """Return red, green and blue of an OFF: whole numbers up to 255, or fractions up to 1."""
+    """Return red, green and blue as bytes: an OFF has whole numbers to 255, or fractions to 1."""
     if len(values) < 3:
         return NEUTRAL_GREY
     full = 255 if any("." in value for value in values[:3]) else 1
@@ -171,7 +182,7 @@ def _off_color(values: Sequence[str]) -> tuple[int, ...]:
 
 
 def _polygons(data: bytes) -> Any:
-    """Return the mesh of a PLY that trimesh does not read: of polygons, or of other names."""
+    """Return the mesh of a PLY that trimesh cannot read: of polygons, or with unusual names."""
     import trimesh
 
     read = read_ply(data, with_colors=True)
@@ -185,7 +196,7 @@ def _polygons(data: bytes) -> Any:
 
 
 def _in_double(file: BinaryIO) -> BinaryIO:
-    """Return a PLY whose coordinates, where they are text, are not cut to float32 by trimesh."""
+    """Return a PLY whose coordinates, if they are text, are not cut to float32 by trimesh."""
     if not re.match(rb"ply\s+format\s+ascii\b", file.read(100)):
         file.seek(0)
         return file
@@ -211,8 +222,8 @@ _GLTF_COLUMNS = {"SCALAR": 1, "VEC2": 2, "VEC3": 3, "VEC4": 4, "MAT2": 4, "MAT3"
 def _check_gltf(file: BinaryIO, kind: str) -> None:
     """Raise ValueError, KeyError or TypeError for a glTF that trimesh must not read.
 
-    trimesh takes memory for the claimed sizes of buffer views, and of accessors without one; and
-    for a .gltf that is no JSON it reads another file, model.gltf.
+    trimesh allocates memory for the sizes that buffer views, and accessors without a view, claim;
+    and for a .gltf that is no JSON it reads another file, model.gltf.
     """
     tree = json.loads(_first_chunk(file) if kind == ".glb" else file.read())
     file.seek(0)
@@ -224,7 +235,10 @@ def _check_gltf(file: BinaryIO, kind: str) -> None:
 
 
 def _first_chunk(file: BinaryIO) -> bytes:
-    """Return the JSON of a GLB. Raises ValueError where a chunk ends beyond the file."""
+    """Return the JSON of a GLB, its first chunk.
+
+    Raises ValueError where a chunk reaches beyond the end of the file.
+    """
     size = os.fstat(file.fileno()).st_size
     text, at = b"", 12
     while at + 8 <= size:
@@ -259,13 +273,13 @@ def _face_colors(part: Any) -> NDArray[np.uint8]:
     try:
         if visual.kind == "texture":
             colors = _texture_colors(visual, part.faces)
-            # trimesh's colours of a material without a colour, and of a missing material.
+            # Colours that trimesh gives to a material without a colour, and to a missing material.
             stand_ins = DEFAULT_COLOR, empty_material().to_color(np.zeros((1, 2)))[0]
             if any((colors == stand_in).all() for stand_in in stand_ins):
                 return grey
         else:
             colors = np.asarray(visual.face_colors)
-    except Exception:  # a broken texture costs the colours, not the object
+    except Exception:  # where a texture is broken, the object is kept in grey
         return grey
     return colors[:, :3].astype(np.uint8) if colors.shape[:1] == (count,) else grey
 

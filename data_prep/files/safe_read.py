@@ -1,4 +1,4 @@
-"""Untrusted files and folders: opened without waiting, read up to a given size."""
+"""Untrusted files and folders: opened without waiting, and read up to a given size."""
 
 from __future__ import annotations
 
@@ -14,9 +14,12 @@ from typing import Any
 from data_prep.failures import BadInput
 
 MIB = 2**20
-_MOST_NAME_LENGTH = 200  # characters of a class or an id: names of files end at 255 bytes
-_MOST_REASON_LENGTH = 120  # of a parser's complaint
-MOST_ENTRIES = 2_000_000  # below a folder: all of Objaverse has 800,000 files
+# The most characters of a class or an id, which become parts of names of files; these may have 255
+# bytes.
+_MOST_NAME_LENGTH = 200
+_MOST_REASON_LENGTH = 120  # the most characters of a parser's message that are quoted
+# The most files and folders below a folder. All of Objaverse has 800,000 files.
+MOST_ENTRIES = 2_000_000
 # Files and folders that systems and network disks put among those of a user, in lower case.
 _LEFT_BY_SYSTEMS = {
     "__macosx",
@@ -45,11 +48,12 @@ def is_regular_file(path: Path) -> bool:
 def open_file(path: Path, most_bytes: int) -> Iterator[BufferedReader]:
     """Yield a file that is open for reading.
 
-    Raises BadInput, naming the file: missing, not to be read, no regular file, or of more than
-    `most_bytes`. The size is that of the open file, so nobody can exchange it in between.
+    Raises BadInput, which names the file, where it is missing, may not be read, is no regular file,
+    or has more than `most_bytes`. Kind and size are asked of the open file, so that it cannot be
+    exchanged for another one in between.
     """
     try:
-        # A FIFO without a writer would make its reader wait for ever.
+        # O_NONBLOCK, as opening a named pipe without a writer would wait for ever.
         opener = lambda name, flags: os.open(name, flags | os.O_NONBLOCK)  # noqa: E731
         file = open(os.fspath(path), "rb", opener=opener)  # noqa: SIM115
     except (OSError, ValueError) as error:  # ValueError: a NUL in the name
@@ -67,11 +71,11 @@ def open_file(path: Path, most_bytes: int) -> Iterator[BufferedReader]:
 
 
 def read_file(path: Path, most_bytes: int) -> bytes:
-    """Return all bytes of a file. Raises BadInput as `open_file`, and where reading fails."""
+    """Return all bytes of a file. Raises BadInput as `open_file` does, and where reading fails."""
     with open_file(path, most_bytes) as file:
         size = os.fstat(file.fileno()).st_size
         try:
-            data = file.read(size + 1)  # takes memory for so many bytes
+            data = file.read(size + 1)  # one byte more shows whether the file has grown meanwhile
         except OSError as error:
             raise BadInput(f"{path}: {_why(error)}") from error
     if len(data) > size:
@@ -80,7 +84,10 @@ def read_file(path: Path, most_bytes: int) -> bytes:
 
 
 def read_text(path: Path, most_bytes: int) -> str:
-    """Return the UTF-8 text of a file, without its byte order mark. Raises as `read_file`."""
+    """Return the UTF-8 text of a file without its byte order mark.
+
+    Raises BadInput as `read_file` does, and for a file that is not UTF-8.
+    """
     try:
         return read_file(path, most_bytes).decode("utf-8-sig")
     except UnicodeDecodeError as error:
@@ -88,13 +95,13 @@ def read_text(path: Path, most_bytes: int) -> str:
 
 
 def reason_of(error: Exception) -> str:
-    """Return the message of a parser, cut to one short line."""
+    """Return the first line of an exception's message, shortened; its type if it has no message."""
     lines = str(error).splitlines()
     return lines[0][:_MOST_REASON_LENGTH] if lines else type(error).__name__
 
 
 def shown(value: str | bytes, most: int = 40) -> str:
-    """Return a value from a file for a message: in quotes, escaped, not too long."""
+    """Return a value of a file for a message: in quotes, escaped, cut to `most` characters."""
     cut = value if len(value) <= most else value[:most]
     text = repr(cut).removeprefix("b")
     return text if cut is value else f"{text}..."
@@ -127,21 +134,21 @@ def plain_text(value: Any) -> str:
 
 
 def is_disk(folder: Path) -> bool:
-    """Return whether a folder is the root of a file system's names."""
+    """Return whether a folder is the root of the file system, "/"."""
     return folder.resolve() == Path(folder.resolve().anchor)
 
 
 def is_hidden(name: str) -> bool:
-    """Return whether a file or folder counts as not there: hidden, or left by a system."""
+    """Return whether a file or folder is passed over: hidden, or put there by a system."""
     return name.startswith((".", "~$")) or name.lower() in _LEFT_BY_SYSTEMS
 
 
 def files_below(root: Path, suffixes: Sequence[str]) -> tuple[tuple[Path, ...], tuple[str, ...]]:
-    """Return all regular files with one of these suffixes, and the names of what is left out.
+    """Return all regular files with one of these suffixes, and the names of all other files.
 
-    Both are sorted. Hidden files and folders are not there. Links to folders are not followed: they
-    may form circles. Raises BadInput for a folder that cannot be read or that is a whole disk, for
-    one with too much in it, and for a name that is not UTF-8, as records are.
+    Both are sorted. Hidden files and folders are passed over. Links to folders are not followed, as
+    they may form circles. Raises BadInput for a folder that cannot be read, that is a whole disk or
+    has too many entries, and for a name that is not UTF-8, which no record could hold.
     """
     if is_disk(root):
         raise BadInput(f"{root}: a whole disk; give a folder on it")
@@ -189,7 +196,10 @@ def folders_in(folder: Path) -> tuple[Path, ...]:
 
 
 def _is_file(path: Path, suffixes: Sequence[str], root: Path) -> bool:
-    """Return whether a path is that of a wanted file. Raises BadInput where it is not UTF-8."""
+    """Return whether a path is a regular file with one of the suffixes.
+
+    Raises BadInput for a name that is not UTF-8.
+    """
     wanted = path.suffix.lower() in suffixes and is_regular_file(path)
     if wanted:
         _check_name(path, root)
@@ -215,7 +225,7 @@ def _why(error: OSError | ValueError) -> str:
 
 
 def _entries(folder: Path) -> Iterator[tuple[Path, bool]]:
-    """Yield what is visible in a folder, and whether each is a folder and no link to one."""
+    """Yield the entries of a folder, and for each whether it is a folder and not a link to one."""
     try:
         with os.scandir(folder) as entries:
             for entry in entries:

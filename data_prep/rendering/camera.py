@@ -13,27 +13,26 @@ from numpy.typing import NDArray
 
 from data_prep.scene import IMAGE_SIZE, View
 
-CAMERA_DISTANCE = 4.0  # from the origin, in radii of the unit sphere
-FARTHEST = CAMERA_DISTANCE + 1.25  # nearness 0: the far end of the unit sphere, and room for noise
+CAMERA_DISTANCE = 4.0  # the distance of the camera from the origin, in radii of the unit sphere
+# The depth that has nearness 0: the far end of the unit sphere, and room for noise behind it.
+FARTHEST = CAMERA_DISTANCE + 1.25
+# The angle that a sensor of 32 mm sees behind a lens of 58 mm, in radians.
 FIELD_OF_VIEW_RAD = 2.0 * math.atan(16.0 / 58.0)
 # The focal length in pixels of an image of IMAGE_SIZE.
 FOCAL_PX = IMAGE_SIZE / 2 / math.tan(FIELD_OF_VIEW_RAD / 2)
 
 
 def camera_to_world(view: View) -> NDArray[np.float64]:
-    """Return the pose of a camera.
+    """Return the pose of the camera of a view, float64 [4, 4], from camera to world coordinates.
 
-    view  camera position
-
-    float64 array [4, 4]: pose in OpenGL's convention: the camera looks along its -Z, and its +Y is
-    up.
+    As in OpenGL, the camera looks along its -Z axis, and its +Y axis points up.
     """
     azimuth = math.radians(math.remainder(view.azimuth_deg, 360.0))
     elevation = math.radians(view.elevation_deg)
     sin_a, cos_a = math.sin(azimuth), math.cos(azimuth)
     sin_e, cos_e = math.sin(elevation), math.cos(elevation)
-    # Written out instead of cross products with "up", so that the poles (elevation +-90) are
-    # ordinary values: there the image's up is the direction of azimuth.
+    # The axes are written out. Cross products with an "up" vector would fail at the poles
+    # (elevation +-90), where the image's up is now the direction of the azimuth.
     backward = (cos_e * sin_a, sin_e, -cos_e * cos_a)  # from the origin to the camera
     right = (-cos_a, 0.0, -sin_a)
     up = (-sin_e * sin_a, cos_e, sin_e * cos_a)

@@ -1,6 +1,6 @@
 """Images as float32 in [0, 1] and as uint8, and images from untrusted PNG files.
 
-Nothing is unpacked before the header has said how much there is.
+The header of a PNG, which tells its size, is checked before any pixels are decompressed.
 """
 
 from __future__ import annotations
@@ -17,18 +17,18 @@ from data_prep.failures import BadInput
 from data_prep.files.safe_read import MIB, open_file, reason_of
 from data_prep.scene import IMAGE_SIZE, Images, UInt8Images
 
-MOST_BYTES = 4 * MIB  # of a PNG; 128 x 128 RGBA without compression are 64 KiB
-_MODES = ("RGBA", "RGB", "LA", "L", "P")  # 8 bits a channel
+MOST_BYTES = 4 * MIB  # the largest PNG; 128 x 128 pixels RGBA have 64 KiB without compression
+_MODES = ("RGBA", "RGB", "LA", "L", "P")  # Pillow's names of the modes with 8 bits a channel
 _SIGNATURE = b"\x89PNG\r\n\x1a\n\x00\x00\x00\x0dIHDR"
-_HEADER = struct.Struct(">IIBB")  # width, height, bits and type of colour
-_GREY, _RGB = 0, 2  # types of colour
-_KINDS = {3: "a palette", 4: "grey with alpha", 6: "RGB with alpha"}
+_HEADER = struct.Struct(">IIBB")  # width, height, bits a channel and colour type
+_GREY, _RGB = 0, 2  # colour types of PNG that have no alpha
+_KINDS = {3: "a palette", 4: "grey with alpha", 6: "RGB with alpha"}  # the other colour types
 
 
 def to_uint8(images: Images) -> NDArray[np.uint8]:
     """Convert float32 images in [0, 1] to uint8, rounded half up as in the original's PNG writer.
 
-    Other values are clipped; the caller has to check for NaN.
+    Values outside of [0, 1] are clipped; the caller has to check for NaN.
     """
     return np.floor(np.clip(images, 0.0, 1.0) * np.float32(255.0) + np.float32(0.5)).astype(
         np.uint8
@@ -72,22 +72,22 @@ def _decoded(path: Path, remedy: str) -> _Decoded:
     from PIL import Image
 
     with open_file(path, MOST_BYTES) as file, warnings.catch_warnings():
-        warnings.simplefilter("error")  # of images that decompress to a huge size
+        warnings.simplefilter("error")  # Pillow warns of images that decompress to a huge size
         try:
             with Image.open(file, formats=("PNG",)) as image:
                 usable = image.size == (IMAGE_SIZE, IMAGE_SIZE) and image.mode in _MODES
                 rgba = np.asarray(image.convert("RGBA"), np.uint8) if usable else None
                 return _Decoded(image.size, image.mode, "transparency" in image.info, rgba)
-        except Exception as error:  # Pillow lets through any error of its parsers
+        except Exception as error:  # the parsers of Pillow may raise any exception
             raise BadInput(f"{path}: not a readable PNG ({reason_of(error)}); {remedy}") from error
 
 
 def read_image(path: Path) -> tuple[UInt8Images, str]:
-    """Return a PNG of the size of the benchmark on white [IMAGE_SIZE, IMAGE_SIZE, 3], and its mode.
+    """Return a PNG laid on white, uint8 [IMAGE_SIZE, IMAGE_SIZE, 3], and the mode of the file.
 
     Alpha is composited as in the original (roatienza/pc2pix@46795a46, loader.py): colour times
-    alpha plus white times one minus alpha, rounded half up. Raises BadInput, naming the file, if it
-    is no PNG, is cut short, or has another size or more bits.
+    alpha plus white times one minus alpha, rounded half up. Raises BadInput, which names the file,
+    where it is no PNG, is cut short, or has another size or more bits a channel.
     """
     image = _decoded(path, "fetch it again")
     if image.rgba is None:
@@ -102,7 +102,7 @@ def read_image(path: Path) -> tuple[UInt8Images, str]:
 
 
 def check_opaque_png(path: Path) -> None:
-    """Raise BadInput unless the header is of a PNG of the benchmark's size, 8-bit RGB or grey."""
+    """Raise BadInput unless the header tells of a PNG of IMAGE_SIZE in 8-bit RGB or grey."""
     with open_file(path, MOST_BYTES) as file:
         start = file.read(len(_SIGNATURE) + _HEADER.size)
     if len(start) < len(_SIGNATURE) + _HEADER.size or not start.startswith(_SIGNATURE):
@@ -121,13 +121,14 @@ def check_opaque_png(path: Path) -> None:
 
 
 def read_opaque_png(path: Path) -> UInt8Images:
-    """Return a method's image in a PNG [IMAGE_SIZE, IMAGE_SIZE, 3]; grey has three equal channels.
+    """Return a method's image from a PNG, uint8 [IMAGE_SIZE, IMAGE_SIZE, 3].
 
-    Raises BadInput as `check_opaque_png`, and for damaged files and transparent colours.
+    A grey image gets three equal channels. Raises BadInput as `check_opaque_png` does, and for a
+    damaged file and one with a transparent colour.
     """
     check_opaque_png(path)
     image = _decoded(path, "write it again")
-    # The file may be another one by now.
+    # Checked again, as the file may have been exchanged for another one since its header was read.
     if image.rgba is None or image.mode not in ("RGB", "L") or image.transparent:
         raise BadInput(f"{path}: has a transparent colour; write it as 8-bit RGB or grey")
     return image.rgba[..., :3]

@@ -17,8 +17,9 @@ from data_prep.rendering.opengl import render
 from data_prep.rendering.raycast import cast
 from data_prep.scene import IMAGE_SIZE, Mesh, View, in_one_colour
 
-# For 20 views both take the same time at some 7,000 faces; from here on rays took less for every
-# mesh (`python -m studies.ray_speed` at commit 6e4975d).
+# The number of faces from which on rays are cast. For 20 views both renderers take the same time at
+# some 7,000 faces; with this many, rays took less time for every mesh that was measured (`python -m
+# studies.ray_speed` at commit 6e4975d).
 RAYS_FROM_FACES = 10_000
 
 
@@ -46,16 +47,18 @@ def draw_mesh(mesh: Mesh, views: Sequence[View], size: int = IMAGE_SIZE) -> NDAr
     MissingDependency
         If the renderer is not installed.
     """
-    # Never by time: an image must not depend on the speed of the machine.
+    # The renderer is chosen by the number of faces and not by measured time, as an image must not
+    # depend on the speed of the machine.
     draw = cast if len(mesh.faces) >= RAYS_FROM_FACES else render
     return draw(mesh, views, size=size)
 
 
 def mesh_coverage(mesh: Mesh, views: Sequence[View], size: int = IMAGE_SIZE) -> NDArray[np.float32]:
-    """Return the share of each pixel of `draw_mesh` that a mesh covers, float32 [V, size, size].
+    """Return which share of each pixel of `draw_mesh` the mesh covers, float32 [V, size, size].
 
-    Raises as `draw_mesh`.
+    Raises as `draw_mesh` does.
     """
-    # In black a pixel is as dark as it is covered, by the same renderer and samples as the image.
+    # A pixel of the mesh in black is as dark as the mesh covers it. It has the same samples as the
+    # image, as the same renderer draws it.
     black = draw_mesh(in_one_colour(mesh, (0, 0, 0)), views, size)
     return 1 - to_float(black[..., 0])

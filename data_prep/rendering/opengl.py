@@ -1,10 +1,11 @@
 """Images of meshes by OpenGL (EGL) with one shader.
 
 A mesh is uploaded once. Its views are drawn one after another into one small multisampled buffer,
-which stays in the processor's cache, and resolved into one sheet, which is read back once. Of
-pyrender only the context is used: its renderer is slower and does not shade the back of a face.
-One GL context is made per process and reused, with buffers for each size of images. OpenGL keeps
-global state: one thread at a time has the context, see `_current_context`.
+which stays in the processor's cache. From there each is copied, with the mean of its samples, onto
+one sheet, which is read back once. Of pyrender only the context is used: its renderer is slower and
+does not shade the back of a face. A process makes one GL context and reuses it, with buffers for
+each size of images. As OpenGL keeps global state, one thread at a time has the context, see
+`_current_context`.
 """
 
 from __future__ import annotations
@@ -31,17 +32,23 @@ from data_prep.failures import MissingDependency
 from data_prep.rendering.camera import CAMERA_DISTANCE, FIELD_OF_VIEW_RAD, camera_to_world
 from data_prep.scene import IMAGE_SIZE, NEUTRAL_GREY, Mesh, View
 
-VERSION = 1  # raise when a change here changes a pixel: finished work is then done again
+# A part of the keys of finished work. Raise it when a change here changes a pixel, so that the work
+# is done again.
+VERSION = 1
 _SHADERS = Path(__file__).parent
 _SHADER_FILES = ("mesh.vert", "mesh.frag")
-SAMPLES = 4  # of each pixel, whose mean smooths edges
-# Reconstructions may leave the unit sphere; parts outside this range are cut off.
+SAMPLES = 4  # samples in each pixel, whose mean smooths edges
+# The depths between which a mesh is visible, in radii of the unit sphere. Reconstructions may leave
+# the unit sphere; parts outside of this range are cut off.
 NEAR, FAR = 0.05 * CAMERA_DISTANCE, 2.5 * CAMERA_DISTANCE
-BACKGROUND = (1.0, 1.0, 1.0)  # red, green and blue of what nothing covers: white
-SHEET_VIEWS = 32  # images that are drawn one above the other before they are read, at most
-SHEET_PX = 16_384  # height in pixels of all of them, at most: as much as any OpenGL 4.1 can do
-POSITION, COLOUR = 0, 1  # attributes of a vertex, three float32 each
-DEBIAN_PACKAGES = {  # and the library each is installed for; `.ci/libraries` installs the same
+BACKGROUND = (1.0, 1.0, 1.0)  # red, green and blue of pixels that nothing covers: white
+SHEET_VIEWS = 32  # the most images on a sheet, where they are drawn one above the other
+# The largest height of a sheet in pixels, which every OpenGL 4.1 supports.
+SHEET_PX = 16_384
+POSITION, COLOUR = 0, 1  # the numbers of a vertex's attributes, of three float32 each
+# The Debian packages that rendering needs, each with the library that it is installed for.
+# `.ci/libraries` installs the same.
+DEBIAN_PACKAGES = {
     "libegl1": "libEGL.so.1",
     "libgl1": "libGL.so.1",
     "libopengl0": "libOpenGL.so.0",
@@ -97,11 +104,12 @@ def render(mesh: Mesh, views: Sequence[View], size: int = IMAGE_SIZE) -> NDArray
 
 
 def scene_values() -> dict[str, str]:
-    """Return all that decides what a true image shows of a mesh beside the mesh, the view and GL.
+    """Return all values that decide a true image, beside the mesh, the view and the GL driver.
 
-    These are the constants of the camera, of this module and of uncoloured meshes, and the shaders,
-    which are the light, without their comments. They are a part of the identity of true images, so
-    that a change of one draws them anew without a version that somebody has to raise.
+    These are the constants of the camera, of this module and of uncoloured meshes, and a checksum
+    of the shaders without their comments, which hold the light. They are a part of the identity of
+    true images, so that a change of one of them makes runs draw these again, without a version that
+    somebody would have to raise.
     """
     lines = [
         line.partition("//")[0].strip()
@@ -109,7 +117,7 @@ def scene_values() -> dict[str, str]:
         for line in (_SHADERS / name).read_text(encoding="utf-8").splitlines()
     ]
     return {
-        "field_of_view_deg": f"{math.degrees(FIELD_OF_VIEW_RAD):.6f}",  # on any processor
+        "field_of_view_deg": f"{math.degrees(FIELD_OF_VIEW_RAD):.6f}",  # the same on any processor
         "camera_distance": str(CAMERA_DISTANCE),
         "image_size": str(IMAGE_SIZE),
         "samples": str(SAMPLES),
@@ -133,9 +141,10 @@ def gl_renderer() -> str:
 
 
 def _vertices_of_one_colour(mesh: Mesh) -> tuple[NDArray[np.float32], NDArray[np.uint32]]:
-    """Return vertices [V, 6] with the colour of their faces (x, y, z, r, g, b), and faces [F, 3].
+    """Return vertices [V, 6] with position and colour (x, y, z, r, g, b), and faces [F, 3].
 
-    Where faces of different colours share a vertex, every face gets vertices of its own.
+    A vertex has the colour of its faces. Where faces of different colours share a vertex, each face
+    of the mesh gets vertices of its own.
     """
     positions, faces = mesh.vertices, mesh.faces
     face_colors = mesh.face_colors.astype(np.float32) / np.float32(255.0)
@@ -148,7 +157,7 @@ def _vertices_of_one_colour(mesh: Mesh) -> tuple[NDArray[np.float32], NDArray[np
 
 
 def _projection() -> NDArray[np.float64]:
-    """Return OpenGL's matrix [4, 4] from the visible space of the camera to -1..1."""
+    """Return OpenGL's projection matrix [4, 4], from camera coordinates to the cube -1..1."""
     scale = 1.0 / math.tan(FIELD_OF_VIEW_RAD / 2)
     matrix = np.diag([scale, scale, (FAR + NEAR) / (NEAR - FAR), 0.0])
     matrix[2, 3] = 2 * FAR * NEAR / (NEAR - FAR)
@@ -160,7 +169,7 @@ class _Buffers(NamedTuple):
     """The frame buffers for images of a size."""
 
     size: int
-    views: int  # of a sheet
+    views: int  # the number of images that fit on the sheet
     multisampled: int
     sheet: int
 
@@ -172,7 +181,7 @@ class _Context:
     gl: Any  # PyOpenGL has no types
     egl: Any
     platform: Any
-    view_matrix: int  # uniform
+    view_matrix: int  # the location of the shader's uniform for the matrix of a view
     buffers_by_size: dict[int, _Buffers] = field(default_factory=dict)
 
     def buffers(self, size: int) -> _Buffers:
@@ -183,7 +192,7 @@ class _Context:
         return self.buffers_by_size[size]
 
     def release(self) -> None:
-        """Let another thread have the context."""
+        """Release the context, so that another thread can make it current."""
         egl = self.egl
         nothing = (egl.EGL_NO_SURFACE, egl.EGL_NO_SURFACE, egl.EGL_NO_CONTEXT)
         egl.eglMakeCurrent(egl.eglGetCurrentDisplay(), *nothing)
@@ -226,7 +235,7 @@ os.register_at_fork(  # no process begins with half an image
 
 @contextmanager
 def _current_context() -> Iterator[_Context]:
-    """Have the context in this thread, and let other threads have it afterwards."""
+    """Make the context current in this thread for a block, and then release it for others."""
     with _one_at_a_time:
         context = _context()
         context.platform.make_current()

@@ -1,8 +1,8 @@
 """Images of meshes by ray casting (Embree), like those of `data_prep.rendering.opengl`.
 
-The camera, the samples and the shading are those of `data_prep.rendering.opengl`; no drawing code
-is shared. OpenGL's time grows with the number of faces of each view; here a tree over the faces is
-built once a mesh, and the time of a view depends on its pixels (`studies.ray_speed` at commit
+The camera, the samples and the shading are the same, but no drawing code is shared. OpenGL draws
+all faces in each view, so that its time grows with their number. Here a tree over the faces is
+built once for a mesh, and the time of a view depends on its pixels (`studies.ray_speed` at commit
 6e4975d).
 """
 
@@ -21,16 +21,20 @@ from data_prep.rendering.camera import FARTHEST, FOCAL_PX, camera_to_world, proj
 from data_prep.rendering.opengl import FAR, NEAR
 from data_prep.scene import IMAGE_SIZE, Mesh, View
 
-GAMMA = 2.2  # the shader's: a colour is multiplied by cos(t)^(1 / GAMMA)
+# The gamma of OpenGL's shader: a colour is multiplied by cos(t)^(1 / GAMMA), with the angle t
+# between the normal and the axis of view.
+GAMMA = 2.2
 WHITE = 255
-_BOX_VERTICES = 128  # neighbours in the file that share a box, by which a mesh's window is found
-_MOST_RAYS = 2**19  # cast together: a bound on memory
+# The number of vertices that follow each other in a mesh and share a box. The boxes bound the part
+# of an image in which the mesh can be.
+_BOX_VERTICES = 128
+_MOST_RAYS = 2**19  # the most rays that are cast together, which bounds memory
 ALL = slice(None)
 # Where OpenGL takes the 4 samples of a pixel, as (column, row from the top): the standard pattern
 # of hardware and of Mesa's llvmpipe (lp_sample_pos_4x), which OpenGL counts from below.
 OPENGL = ((0.375, 0.875), (0.875, 0.625), (0.125, 0.375), (0.625, 0.125))
 MAPS = ("coverage", "nearness", "normal x", "normal y", "normal z")  # planes of `surface_maps`
-MOST_NEARNESS = 1.5
+MOST_NEARNESS = 1.5  # the largest nearness in `surface_maps`: closer surfaces get this value
 
 
 def cast(
@@ -48,7 +52,7 @@ def cast(
     than FAR are not seen, nor facets without area; an empty mesh gives white images.
     The same mesh and views give the same bytes in any process, for any number of threads.
 
-    Raises ValueError for non-finite vertices, MissingDependency where embreex is not installed.
+    Raises ValueError for non-finite vertices, and MissingDependency without embreex.
     """
     images = np.full((len(views), size, size, 3), WHITE, dtype=np.uint8)
     for i, seen in _look(mesh, views, samples, size):
@@ -92,12 +96,12 @@ def surface_maps(
 class _Hits:
     """The H samples of an image that meet the mesh.
 
-    window  rows and columns of the image that have samples
-    shape   rows, columns and samples of a pixel
-    pixels  pixel in the window of each, [H]
-    faces   face that each meets, [H]
-    normals of these, of any length but 0 and either sign, [H, 3]
-    depths  along the axis of view, [H]
+    window   the rows and columns of the image in which rays were cast
+    shape    the number of rows and of columns of the window, and of samples in a pixel
+    pixels   for each sample the number of its pixel in the window, [H]
+    faces    the face that each sample meets, [H]
+    normals  the normals of these faces, of any length but 0 and of either sign, [H, 3]
+    depths   the depths of these points along the axis of view, [H]
     """
 
     window: tuple[slice, slice]
@@ -108,7 +112,10 @@ class _Hits:
     depths: NDArray[np.float32]
 
     def mean(self, values: NDArray[Any]) -> NDArray[np.float64]:
-        """Return the sum of values [H, C] over the samples, over the number of all [R, C', C]."""
+        """Return the means of values [H, C] in each pixel of the window, [rows, columns, C].
+
+        Samples that do not meet the mesh count as 0.
+        """
         height, width, samples = self.shape
         total = [np.bincount(self.pixels, plane, height * width) for plane in values.T]
         return (np.stack(total, -1) / samples).reshape(height, width, -1)
@@ -117,7 +124,7 @@ class _Hits:
 def _look(
     mesh: Mesh, views: Sequence[View], samples: ArrayLike, size: int
 ) -> Iterator[tuple[int, _Hits]]:
-    """Yield the number of each view that can see a mesh, and what the samples of rows meet.
+    """Yield, for each view and each band of rows, the number of the view and its hits.
 
     Raises ValueError for non-finite vertices, MissingDependency where embreex is not installed.
     """
@@ -144,7 +151,8 @@ def _look(
 def _scene(mesh: Mesh) -> Any:
     """Return Embree's scene of a mesh; the first call of its `run` builds a tree of the faces.
 
-    The last two are kept: views of a mesh may come in several calls, or those of two by turns.
+    The last two scenes are kept, as the views of a mesh may be asked for in several calls, and
+    those of two meshes by turns.
     """
     try:
         from embreex.mesh_construction import TriangleMesh
@@ -193,7 +201,7 @@ def _window(corners: NDArray[np.float64], view: View, size: int) -> tuple[slice,
 
 def _span(coordinates: NDArray[np.float64], size: int) -> slice:
     """Return the range of whole pixels that coordinates lie in, within the image."""
-    # Directions of rays have 32 bits: rounding moves one by less than 1e-4 px.
+    # A margin, as the directions of rays are float32, whose rounding moves one by up to 1e-4 px.
     first, last = np.floor(coordinates.min() - 0.01), np.ceil(coordinates.max() + 0.01)
     low, high = np.clip([first, last], 0, size)
     return slice(int(low), int(high))
@@ -206,7 +214,7 @@ def _hits(
     start: float,
     window: tuple[slice, slice],
 ) -> _Hits:
-    """Return what rays [R, C, S, 3] of a window meet that begin at the depth `start`."""
+    """Cast the rays [R, C, S, 3] of a window, which begin at the depth `start`; return the hits."""
     turn, eye = pose[:3, :3].astype(np.float32), pose[:3, 3].astype(np.float32)
     directions = local.reshape(-1, 3) @ turn.T
     starts = np.broadcast_to(eye, directions.shape)
@@ -238,5 +246,5 @@ def _unit(normals: NDArray[np.float32]) -> NDArray[np.float64]:
 
 
 def _lengths(exact: NDArray[np.float64]) -> NDArray[np.float64]:
-    # of 64 bits: 32 may not hold the square of a length
+    # Takes float64, as the square of a length may exceed the range of float32.
     return np.sqrt(np.einsum("ij,ij->i", exact, exact))

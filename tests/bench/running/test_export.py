@@ -190,7 +190,7 @@ def test_an_altered_file_is_not_used(copied, jobs):
     ):
         other = (copied / file.replace("00000", "00001")).read_bytes()  # whole, and another's
         (copied / file).write_bytes(other)
-        with pytest.raises(BadInput, match=f"{file}: not the file of the list"):
+        with pytest.raises(BadInput, match=f"{file}: does not have the checksum of the list"):
             read()
 
 
