@@ -23,26 +23,31 @@ from data_prep.files.cloud_contents import (
 )
 from data_prep.files.safe_read import MIB, shown
 
-MOST_TEXT_BYTES = 64 * MIB  # 2 million points of the usual length; some 10 s
-_MOST_LINE_LENGTH = 2**16
-HEAD = 64  # rows that tell how all are written
-# Columns of colours where no line names them, by the number of columns.
-_XYZ_COLOURS = {6: (3, 4, 5), 7: (3, 4, 5)}  # of seven the last is the opacity
-PTS_COLOURS = {6: (3, 4, 5), 7: (4, 5, 6)}  # of seven the fourth is the intensity
+# The largest text: 2 million points in lines of the usual length, which take some 10 s to read.
+MOST_TEXT_BYTES = 64 * MIB
+_MOST_LINE_LENGTH = 2**16  # the most characters in a line: a longer one is no row of a table
+HEAD = 64  # the number of first rows that are looked at to find out how rows are written
+# The columns that hold colours where no line names the columns, by the number of columns. Where
+# there are seven, the last one of an XYZ is the opacity, and the fourth of a PTS the intensity.
+_XYZ_COLOURS = {6: (3, 4, 5), 7: (3, 4, 5)}
+PTS_COLOURS = {6: (3, 4, 5), 7: (4, 5, 6)}
 
-_COMMENTS = "#", "//", "%"
-_NOTE = re.compile(r"(?<=[\s;,|])#.*")  # but not in 1.#INF, which Windows writes
+_COMMENTS = "#", "//", "%"  # the beginnings of lines that are comments
+_NOTE = re.compile(r"(?<=[\s;,|])#.*")  # a comment at the end of a row; 1.#INF of Windows is none
 _BLANK = " \t\n;,|"
 _WHOLE = re.compile(r"[+-]?[0-9]+")
 _NUMBER = re.compile(r"[+-]?(?:[0-9.][0-9.,' ]*(?:[ed][+-]?[0-9]+)?|inf(?:inity)?)", re.I)
 _MISSING = re.compile(r"(?:[+-]?(?:nan(?:\(.*\))?|1\.#.+)|na|n/a|null|none)?", re.I)
 _WITH_COMMA = re.compile(r"[+-]?[0-9]*,[0-9]+(?:e[+-]?[0-9]+)?", re.I)
-_GROUPED = re.compile(r"[+-]?[1-9][0-9]{0,2},[0-9]{3}")  # 657,700
-_CUT = re.compile(r"[+-]?[0-9]{1,3} [0-9]{3}[.,][0-9]+")  # 4,866.8 at the comma
-_CUT_AT_POINT = re.compile(r"[+-]?[0-9]+ 0[0-9]+|-0 [0-9]+")  # 0,0666 or -0,5
-_UNIT = re.compile(r"\s*(?:\[(?![xyz]\])[^\]]*\]|\([^)]*\))", re.I)  # but P[x]
-_INTRODUCTION = re.compile(r"\w+:\s")  # Columns: x y z
-_OTHERS = {  # how files begin that are read under another name
+_GROUPED = re.compile(r"[+-]?[1-9][0-9]{0,2},[0-9]{3}")  # thousands are separated, as in 657,700
+# Two fields that may be one number, which was cut at the comma of 4,866.8, of 0,0666 or of -0,5.
+_CUT = re.compile(r"[+-]?[0-9]{1,3} [0-9]{3}[.,][0-9]+")
+_CUT_AT_POINT = re.compile(r"[+-]?[0-9]+ 0[0-9]+|-0 [0-9]+")
+# A unit behind the name of a column, as in x (m). The x of P[x] is a name.
+_UNIT = re.compile(r"\s*(?:\[(?![xyz]\])[^\]]*\]|\([^)]*\))", re.I)
+_INTRODUCTION = re.compile(r"\w+:\s")  # a word before names, as in Columns: x y z
+# The beginnings of files that other readers can read, if their suffix names the format.
+_OTHERS = {
     "ply": "PLY", "OFF": "OFF", "COFF": "OFF", "v ": "OBJ", "mtllib ": "OBJ", "solid": "STL",
     "VERSION": "PCD", "LASF": "LAS", "ASTM": "E57", "\ufffdNUMPY": "NPY",
 }  # fmt: skip
@@ -52,19 +57,27 @@ _NUMBERS = "write numbers such as -1234.5 or 1e-3, without thousands separators"
 _COMMAS = "commas are taken for decimal marks; if they are none, write numbers without them"
 _UNNAMED = " (x, y and z are the first 3, as no first line names them)"
 
-Rows = Iterable[tuple[int, str]]  # texts with the numbers of their lines, from 1
+Rows = Iterable[tuple[int, str]]  # lines of text with their numbers, counted from 1
 
 
 @dataclass(frozen=True)
 class _Layout:
-    """The way in which rows are written."""
+    """The way in which rows are written.
 
-    separator: str = " "  # any white space
+    separator      the character between fields; " " for any white space
+    decimal_comma  whether numbers have a comma as their decimal mark
+    width          the number of columns
+    axes, colours  the columns of x, y and z, and of red, green and blue
+    unsure         whether the column taken for x may be a count of the points
+    unused         lines on columns that are not used
+    """
+
+    separator: str = " "
     decimal_comma: bool = False
     width: int = 3
     axes: tuple[int, ...] = (0, 1, 2)
     colours: tuple[int, ...] = ()
-    unsure: bool = False  # whether x may be a count of the points
+    unsure: bool = False
     unused: tuple[str, ...] = ()
 
 
@@ -74,10 +87,12 @@ def read_text(
     unnamed: Mapping[int, tuple[int, ...]] = _XYZ_COLOURS,
     parts: bool = False,
 ) -> CloudContents:
-    """Return the points of the rows, and how many columns are unused.
+    """Return the points of a text, and lines on columns that are not used.
 
-    `unnamed` has the columns of colours by the number of columns, where no line names them; `parts`
-    tells to pass over all lines of one whole number, the counts of parts.
+    unnamed  the columns of colours where no line names columns, by the number of columns
+    parts    whether to pass over lines of a single whole number, which count the points of a part
+
+    Raises NotACloud for a text that is no table of points.
     """
     lines_of_text = text_lines(data, json.detect_encoding(data[:4]))  # UTF-8, 16 or 32
     names, separator, texts = _start_of(lines_of_text, parts)
@@ -89,7 +104,8 @@ def read_text(
     values, lines = array("d"), array("q")
     for number, fields in _split(chain(head, texts), layout.separator):
         if len(fields) != layout.width:
-            # Between spaces a row may have words behind its numbers, or names may explain it.
+            # Another number of columns is accepted only where rows are separated by spaces: a row
+            # may have words behind its numbers, and names of columns tell which ones count.
             is_row_of_numbers = not names and all(map(is_number, fields))
             if layout.separator != " " or is_row_of_numbers:
                 raise _uneven(number, fields, layout.width)
@@ -108,7 +124,10 @@ def _layout_of(
     separator: str,
     unnamed: Mapping[int, tuple[int, ...]],
 ) -> tuple[_Layout, list[tuple[int, str]]]:
-    """Return how rows are written, by the first of them; and those, but for numbers as names."""
+    """Return how rows are written, by the first of them, and these first rows.
+
+    A first row of numbers that name columns, as pandas writes them, is left out of them.
+    """
     if not head:
         return _Layout(), head
     rows = [[field.strip() for field in fields] for _, fields in _split(head, separator)]
@@ -185,7 +204,7 @@ def _start_of(
 
 
 def _names(text: str) -> list[str]:
-    """Return the names of columns without units, in small letters and digits alone."""
+    """Return the names of columns without units, reduced to small letters and digits."""
     text = _UNIT.sub("", _INTRODUCTION.sub("", text, count=1))
     separator = next((mark for mark in ";\t|," if mark in text), " ")
     fields = next(csv.reader([text], delimiter=separator, skipinitialspace=True), [])
@@ -193,8 +212,8 @@ def _names(text: str) -> list[str]:
 
 
 def _names_columns(comment: str, names: Sequence[str], columns: int) -> bool:
-    """Return whether words of a comment name the columns of a table that has so many."""
-    # COLMAP names the last of many columns once.
+    """Return whether the words of a comment name the columns of a table with `columns` columns."""
+    # A short list counts, as COLMAP names a group of several last columns once.
     is_short_list = "," in comment and len(names) < columns
     return is_short_list or len(names) == columns or names[:3] == ["x", "y", "z"]
 
@@ -204,7 +223,7 @@ def _in_degrees(names: Sequence[str]) -> bool:
 
 
 def _are_numbered(row: Sequence[str], following: Sequence[str]) -> bool:
-    """Return whether a row is 0, 1, 2 ... as pandas names columns, and the next is no such."""
+    """Return whether a row is 0, 1, 2 ..., as pandas names columns, and the next one is not."""
     names = [field for field in row if field]
     numbered = len(names) > 2 and _counts(names, 0)
     return numbered and not (row[0] and all(map(_WHOLE.fullmatch, following)))
@@ -255,8 +274,9 @@ def _check_commas(fields: Sequence[str]) -> None:
 def _check_first_column(table: NDArray[np.float64], spare: bool) -> None:
     """Raise NotACloud where the first column counts the points, or goes on in equal steps.
 
-    Equal steps alone may be a grid or a line. So two of three more signs are asked for: `spare`,
-    that three other columns are there for the coordinates; many rows; and steps of 1 from 0 or 1.
+    Equal steps alone may be those of a grid or a line. So two of three further signs are needed:
+    three other columns are there for the coordinates (`spare`); there are many rows; the steps are
+    of 1 from 0 or 1 on.
     """
     first = table[:, 0]
     steps = np.diff(first)
@@ -269,7 +289,7 @@ def _check_first_column(table: NDArray[np.float64], spare: bool) -> None:
 
 
 def _first_column_counts(value: str) -> NotACloud:
-    """Return the refusal of columns without names that begin with counts or labels."""
+    """Return the error on columns without names, the first of which counts or labels points."""
     return NotACloud(
         f"its first column, {shown(value)} and so on, seems to count or label the points; name all "
         "columns in a first line, such as id,x,y,z"
@@ -277,12 +297,12 @@ def _first_column_counts(value: str) -> NotACloud:
 
 
 def is_number(field: str) -> bool:
-    """Return whether a field stands for a number, in any way of writing, or for a missing one."""
+    """Return whether a field is a number, however it is written, or marks a missing number."""
     return bool(field) and bool(_NUMBER.fullmatch(field) or _MISSING.fullmatch(field))
 
 
 def _separator(text: str) -> str:
-    """Return what separates the fields of a row; " " is any white space."""
+    """Return the character that separates the fields of a row; " " for any white space."""
     for mark in ";\t|":
         if text.count(mark) > 1 and (mark != "\t" or all(text.split(mark)[:-1])):
             return mark
@@ -313,7 +333,7 @@ def _split(rows: Rows, separator: str) -> Iterator[tuple[int, list[str]]]:
 
 
 def _contents(lines: Rows, parts: bool) -> Iterator[tuple[int, str]]:
-    """Yield the lines with contents; without counts, where a file consists of `parts`."""
+    """Yield the lines that are not empty; with `parts`, counts of points are left out."""
     for number, line in lines:
         text = _content(line)
         if text.strip(_BLANK) and not (parts and text.isdigit()):
@@ -329,7 +349,10 @@ def _content(line: str) -> str:
 
 
 def text_lines(data: bytes, encoding: str = "latin-1") -> Iterator[tuple[int, str]]:
-    """Yield the lines with their numbers, from 1; LF, CR LF and CR end a line."""
+    """Yield the lines with their numbers, counted from 1; LF, CR LF and CR end a line.
+
+    Raises NotACloud for a text or a line that is too long.
+    """
     if len(data) > MOST_TEXT_BYTES:
         raise NotACloud(f"{len(data)} bytes of text, at most {MOST_TEXT_BYTES} are read; use NPY")
     file = io.TextIOWrapper(io.BytesIO(data), encoding, errors="replace")
@@ -355,7 +378,7 @@ def numbers_of(
     for column in columns:
         field = fields[column]
         try:
-            if "_" in field:  # Python's own, 1_000
+            if "_" in field:  # float() takes 1_000, which no program writes into files
                 raise ValueError
             values.append(
                 float(field.replace(".", "'").replace(",", ".") if decimal_comma else field)

@@ -51,14 +51,18 @@ from data_prep.files.meshes import SUFFIXES as MESH_SUFFIXES
 from data_prep.files.safe_read import MIB, files_below, open_file, read_file, reason_of, shown
 from data_prep.scene import Points
 
-MOST_BYTES = 256 * MIB  # 22 million points, which take 1.3 GiB of memory and some seconds
-_MOST_SCAN_BYTES = 2048 * MIB  # of LAS and LAZ, which are read piece by piece
-_MOST_BYTES_AT_ONCE = 512 * MIB  # of E57 and PCD
-_RECORD_HEADER_BYTES = 54  # of a variable-length record in LAS
-# [N, 3], or [N, 6] with colours; whether there are any; the number of points in the file
+# The largest PLY, NPY or text: 22 million points, which take 1.3 GiB of memory and some seconds.
+MOST_BYTES = 256 * MIB
+_MOST_SCAN_BYTES = 2048 * MIB  # the largest LAS or LAZ, which are read piece by piece
+_MOST_BYTES_AT_ONCE = 512 * MIB  # the largest E57 or PCD, which are read at once
+_RECORD_HEADER_BYTES = 54  # the size of the header of a variable-length record in a LAS
+# What a reader of scans returns: the points [N, 3], or [N, 6] with colours; whether the file has
+# colours; the number of points in the file.
 _Scan = tuple[NDArray[np.float64], bool, int]
 
-_PROSE = (".txt", ".csv", ".tsv")  # more often than the others something to read
+# Suffixes of texts that may as well be a README or a list: only those with rows of numbers are
+# taken for clouds where a folder is searched.
+_PROSE = (".txt", ".csv", ".tsv")
 
 
 def load_points(path: Path) -> CloudPoints:
@@ -91,7 +95,7 @@ def load_points(path: Path) -> CloudPoints:
     return read_cloud(path).points
 
 
-@np.errstate(over="ignore", invalid="ignore")  # odd NaNs, and values beyond float64
+@np.errstate(over="ignore", invalid="ignore")  # files may hold odd NaNs and very large values
 def read_cloud(path: Path, with_colors: bool = False) -> CloudContents:
     """Return the points of a file as `load_points` does, and a description of the rest.
 
@@ -111,10 +115,10 @@ def read_cloud(path: Path, with_colors: bool = False) -> CloudContents:
 def clouds_below(
     root: Path, suffixes: Sequence[str] | None = None
 ) -> tuple[tuple[Path, ...], tuple[str, ...]]:
-    """Return the files of clouds below a folder, and the names of what is left out.
+    """Return the files of clouds below a folder, and the names of all other files.
 
-    Texts without coordinates (README.txt, labels.csv) are left out. Raises BadInput as
-    `files_below`.
+    Texts without coordinates (README.txt, labels.csv) are among the others. Raises BadInput as
+    `files_below` does.
     """
     files, others = files_below(root, suffixes or CLOUD_SUFFIXES)
     clouds = tuple(path for path in files if path.suffix.lower() not in _PROSE or _has_rows(path))
@@ -123,11 +127,11 @@ def clouds_below(
 
 
 def _has_rows(path: Path) -> bool:
-    """Return whether a text has, near its beginning, a line of three numbers, or nothing at all."""
+    """Return whether a text has a line of three numbers near its beginning, or is empty."""
     try:
         with open_file(path, MOST_BYTES) as file:
             start = file.read(MIB)
-    except BadInput:  # its reader says why
+    except BadInput:  # counts as a cloud, whose reader then says what is wrong
         return True
     text = start.decode(json.detect_encoding(start[:4]), "replace")
     fields = (re.split(r'[\s;,"]+', line.strip('\t ;,"')) for line in text.splitlines())
@@ -184,20 +188,21 @@ def save_ply(points: Points, path: Path) -> None:
 
 
 def _read_npy(data: bytes, with_colors: bool = False) -> CloudContents:
-    """Return the rows of an array; nothing is unpickled, an array of objects is refused."""
-    # Not by numpy.load, which takes memory for as many rows as the header claims; workers fill the
-    # memory they take (`isolation.WORKER_ENVIRONMENT`), so that a claim would cost it all.
+    """Return the rows of an array; nothing is unpickled, and an array of objects is refused."""
+    # numpy.load is not used, as it allocates memory for as many rows as the header claims. Workers
+    # fill memory that they allocate (`bench.running.pool.WORKER_ENVIRONMENT`), so that a false
+    # claim would use up all memory.
     file = io.BytesIO(data)
     try:
         with warnings.catch_warnings():
-            warnings.simplefilter("ignore")  # of headers written by Python 2
+            warnings.simplefilter("ignore")  # NumPy warns of headers that Python 2 has written
             version = np.lib.format.read_magic(file)
             read_header = {
                 (1, 0): np.lib.format.read_array_header_1_0,
                 (2, 0): np.lib.format.read_array_header_2_0,
-            }[version]  # 3.0 is for tables with fancy names
+            }[version]  # version 3.0 is for tables with names that are not ASCII
             shape, by_columns, dtype = read_header(file)
-    except Exception as error:  # numpy lets through any error of its parsers
+    except Exception as error:  # the parser of NumPy may raise any exception
         raise NotACloud("not a readable NPY file; write it with numpy.save") from error
     given = dtype.names or ()
     names = [name.lower() for name in given]
@@ -223,29 +228,37 @@ def _read_npy(data: bytes, with_colors: bool = False) -> CloudContents:
     columns, has_colors = len(names) or shape[1], rows.shape[1] == 6
     unused = (f"{columns - 3} of its {columns} columns",) if columns > 3 else ()
     whole = set(kinds[-3:]) <= set("iu")
-    table = np.array(rows if with_colors else rows[:, :3])  # no part of the file's bytes
+    table = np.array(rows if with_colors else rows[:, :3])  # a copy, which frees the file's bytes
     return contents_of(table, has_colors, whole, unused=unused)
 
 
 @dataclass(frozen=True)
 class ScanLimits:
-    """Limits of what is read of a scan: points kept, claimed by a file, and read at a time."""
+    """Limits of what is read of a scan, in points.
 
-    kept: int = 2**21  # splats, the fastest, take seconds for as many
-    claimed: int = 2**26  # by an E57 or PCD: 1.5 GiB of coordinates
-    claimed_in_pieces: int = 10**9  # by a LAS: as many as 2 GiB hold at two bytes a point
+    kept               the most points that are kept, chosen at random; even the fastest method,
+                       splat, takes seconds for so many
+    claimed            the most points that the header of an E57 or PCD may claim: 1.5 GiB
+    claimed_in_pieces  the most points that the header of a LAS may claim: 2 GiB at two bytes each
+    piece              the points of a LAS that are read at a time
+    """
+
+    kept: int = 2**21
+    claimed: int = 2**26
+    claimed_in_pieces: int = 10**9
     piece: int = 2**20
 
 
 def read_scan(
     path: Path, limits: ScanLimits = ScanLimits(), with_colors: bool = False
 ) -> CloudContents:
-    """Return the points in the file's order and units, and their colours if asked for.
+    """Return the points of a scan in the file's order and units, with their colours if wanted.
 
-    Of more than `limits.kept` points these are a random subset, and a note says how many there are.
+    Of more than `limits.kept` points a random subset is returned, and a note says how many there
+    are.
 
-    Raises BadInput, naming the file: missing, no regular file, too large, not readable; and
-    MissingDependency, naming the extra, where the library is not installed.
+    Raises BadInput, which names the file, where it is missing, no regular file, too large or not
+    readable, and MissingDependency, which names the extra, where the library is not installed.
     """
     most_bytes, read = _SCANS[path.suffix.lower()]
     try:
@@ -258,7 +271,7 @@ def read_scan(
         ) from error
     except BadInput:
         raise
-    except Exception as error:  # the libraries let through any error of their parsers
+    except Exception as error:  # the parsers of the libraries may raise any exception
         kind = path.suffix[1:].upper()
         raise BadInput(
             f"{path}: not a readable {kind} file ({reason_of(error)}); fetch it again"
@@ -313,7 +326,8 @@ def _read_e57(file: io.BufferedReader, path: Path, limits: ScanLimits, with_colo
         ]
     parts = [np.empty((0, len(columns)))]
     for scan in scans:
-        black = np.zeros(len(scan[axes[0]]))  # of a scan without colours beside others
+        # A scan without colours, in a file where others have some, becomes black.
+        black = np.zeros(len(scan[axes[0]]))
         parts.append(np.stack([scan.get(name, black) for name in columns], axis=1))
     points = np.concatenate(parts)
     return points[random_rows(len(points), limits.kept)], has_colors, len(points)
@@ -331,10 +345,10 @@ def _read_pcd(file: io.BufferedReader, path: Path, limits: ScanLimits, with_colo
             break
     file.seek(0)
     cloud = PointCloud.from_fileobj(file)
-    _check_count(path, claimed, len(cloud.pc_data))  # a binary file is read as far as it goes
+    _check_count(path, claimed, len(cloud.pc_data))  # the library accepts a binary file that is cut
     points = cloud.numpy(("x", "y", "z")).astype(np.float64)
     packed = next((name for name in ("rgb", "rgba") if name in cloud.fields), None)
-    if packed and with_colors:  # three bytes in the bits of a number of four
+    if packed and with_colors:  # the four bytes of a number hold red, green and blue
         bits = np.ascontiguousarray(cloud.pc_data[packed]).view(np.uint32).reshape(-1)
         channels = (bits[:, None] >> np.array([16, 8, 0], np.uint32)) & 255
         points = np.concatenate([points, channels.astype(np.float64)], axis=1)
@@ -343,7 +357,7 @@ def _read_pcd(file: io.BufferedReader, path: Path, limits: ScanLimits, with_colo
 
 
 def _check_claim(path: Path, count: int, most: int) -> None:
-    """Raise BadInput where a file claims more points than `most`, or fewer than none."""
+    """Raise BadInput where a file claims more points than `most`, or a negative number."""
     if not 0 <= count <= most:
         raise BadInput(f"{path}: {count} points, at most {most} are read; thin it out")
 
@@ -366,7 +380,7 @@ _READERS: Mapping[str, Callable[[bytes, bool], CloudContents]] = {
     ".ply": read_ply,
     ".npy": _read_npy,
     **dict.fromkeys((".xyz", ".txt", ".csv", ".tsv", ".asc", ".xyzrgb"), read_text),
-    ".xyzn": partial(read_text, unnamed={}),  # normals
+    ".xyzn": partial(read_text, unnamed={}),  # its last three columns are normals, no colours
     ".pts": partial(read_text, unnamed=PTS_COLOURS, parts=True),
 }
 CLOUD_SUFFIXES = (*_READERS, *_SCANS)
