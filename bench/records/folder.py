@@ -1,9 +1,9 @@
-"""A run's folder: its manifest, its lock, and its store.
+"""A run's folder: its manifest, its lock and its store.
 
 manifest.json        what was measured, with which versions, on which machine
 run.sqlite           finished jobs with scores, images and features (`bench.records.store`)
-records.parquet      the records of the last complete run, written for scripts, not read here
-tables/              made from the store
+records.parquet      the records of the last complete run, which scripts read and this project not
+tables/              the tables, which are made from the store
 """
 
 from __future__ import annotations
@@ -13,6 +13,7 @@ import json
 import os
 import re
 import stat
+from collections import Counter
 from collections.abc import Iterator, Mapping
 from contextlib import contextmanager
 from pathlib import Path
@@ -27,19 +28,22 @@ from data_prep.files.safe_read import MIB, is_hidden, read_file
 
 MANIFEST = "manifest.json"
 LOCK = "lock"
-_ELSEWHERE = "give --out"  # remedy where a folder cannot be written
-MOST_BYTES = 64 * MIB  # of a manifest: one line an object
-FIXED = ("suite", "dataset", "views", "seed", "device")  # a folder has one value of each for ever
-PROTOCOL = "protocol"  # its version
-TRUTH = "truth"  # one value, too; there only where it is not COLOURED
-CONDITION_IDENTITIES = "condition_identities"  # there only for conditions of other packages
-COLOURED = "coloured"  # the truth without --truth
+_ELSEWHERE = "give --out"  # the remedy where a folder cannot be written
+MOST_BYTES = 64 * MIB  # the largest manifest that is read; it has a line for each object
+# The entries of a manifest that have one value for all that a folder will ever hold.
+FIXED = ("suite", "dataset", "views", "seed", "device")
+# Further entries of a manifest.
+PROTOCOL = "protocol"  # the version of the protocol
+TRUTH = "truth"  # the kind of true images, also one value for ever; missing where it is COLOURED
+CONDITION_IDENTITIES = "condition_identities"  # only where conditions are of other packages
+COLOURED = "coloured"  # the kind of true images without --truth
 
-_OBJECT = re.compile(r"[^/]+/.+", re.DOTALL)  # class and name
-_FACTS = {str: str}
-_MOST_SHOWN = 40  # characters of a value in a message
-# A type is that of a value, [A] a list of A, [A, B] a list of two, {str: A} a mapping to A; a
-# mapping of names has entries of which each may be missing; of several in a tuple one has to fit.
+_OBJECT = re.compile(r"[^/]+/.+", re.DOTALL)  # the class and the name of an object
+_FACTS = {str: str}  # a mapping from texts to texts
+_MOST_SHOWN = 40  # the most characters that a message quotes of a value
+# The types of a manifest's entries. A value has the type that stands here; [A] is a list of values
+# A, [A, B] a list of exactly two, {str: A} a mapping to values A. Where a mapping names its
+# entries, each of them may be missing. Of the types in a tuple one has to fit.
 _SCHEMA: Mapping[str, Any] = {
     **dict.fromkeys(("suite", "dataset", "device", "truth", "started", "code"), str),
     **dict.fromkeys(("schema_version", "protocol", "views", "seed", "workers", "planned"), int),
@@ -64,25 +68,49 @@ _SCHEMA: Mapping[str, Any] = {
         **dict.fromkeys(("limit", "views", "seed"), int),
     },
 }
-# Entries that every run has from its start; all others of `_SCHEMA` may be missing.
+# The entries that the manifest of every run has from its start; all others may be missing.
 _NEEDED = (
-    *("schema_version", "protocol", "request", "suite", "dataset", "views", "seed", "device"),
-    *("methods", "environment", "command", "started", "finished", "versions", "machine"),
+    "schema_version",
+    "protocol",
+    "request",
+    "suite",
+    "dataset",
+    "views",
+    "seed",
+    "device",
+    "methods",
+    "environment",
+    "command",
+    "started",
+    "finished",
+    "versions",
+    "machine",
 )
-_OF_JOBS = (
-    *("identities", "objectives", "conditions", "objects", "skipped_metrics"),
-    *("feature_identity", "planned"),
+# The further entries that the runs of suites of jobs have from their start.
+_NEEDED_FOR_JOBS = (
+    "identities",
+    "objectives",
+    "conditions",
+    "objects",
+    "skipped_metrics",
+    "feature_identity",
+    "planned",
 )
-# Suites with a procedure of their own measure other things.
-_OF_PROCEDURES = {"latent": (), "stability": ("objects",), "speed": ("conditions", "objects")}
+# The further entries of suites with a procedure of their own, which have no jobs.
+_NEEDED_FOR_PROCEDURES = {
+    "latent": (),
+    "stability": ("objects",),
+    "speed": ("conditions", "objects"),
+}
+# What messages call the types of `_SCHEMA`.
 _NAMES = {str: "text", int: "whole number", float: "number", bool: "truth value", None: "null"}
 
 
 @contextmanager
 def open_folder(directory: Path) -> Iterator[Store]:
-    """Yield the store of a run's folder, to one process at a time.
+    """Yield the store of a run's folder, which is locked against other processes meanwhile.
 
-    Raises BadInput where another run holds the folder, on a file system without locks, and as
+    Raises BadInput where another process holds the lock, on a file system without locks, and as
     `bench.records.store.open_store`; CannotWrite where the folder cannot be written.
     """
     try:
@@ -100,13 +128,14 @@ def locked_run(directory: Path, remedy: str = "make it writable") -> Iterator[No
     Raises BadInput as `read_manifest` and where another process writes there, and CannotWrite, with
     the remedy, where the folder cannot be written.
     """
-    read_manifest(directory)  # no lock is left in a folder that holds no run
+    read_manifest(directory)  # first, so that no lock is made in a folder that holds no run
     with _locked(directory, remedy):
         yield
 
 
 @contextmanager
 def _locked(directory: Path, remedy: str = _ELSEWHERE) -> Iterator[None]:
+    """Hold the lock of a folder. Raises BadInput at once where another process holds it."""
     with _open_lock(directory, remedy) as lock:
         try:
             fcntl.flock(lock, fcntl.LOCK_EX | fcntl.LOCK_NB)
@@ -123,10 +152,11 @@ def _locked(directory: Path, remedy: str = _ELSEWHERE) -> Iterator[None]:
 
 @contextmanager
 def _open_lock(directory: Path, remedy: str) -> Iterator[int]:
-    """Yield the open file of a lock, which may have been put there by anybody.
+    """Yield the open file of a folder's lock.
 
-    Nothing is followed, waited for or emptied: a link leads to a file of the user, and a pipe waits
-    for its other end.
+    The file may have been put there by anybody. So a link is not followed, which may lead to a file
+    of the user; a pipe is not waited for, whose other end may never be opened; and nothing that is
+    in the file is removed.
     """
     path = directory / LOCK
     flags = os.O_RDWR | os.O_CREAT | os.O_NOFOLLOW | os.O_NONBLOCK | os.O_CLOEXEC
@@ -145,6 +175,7 @@ def _open_lock(directory: Path, remedy: str) -> Iterator[int]:
 
 
 def _no_file(path: Path) -> BadInput:
+    """Return the refusal of a path that is something else than a file of its folder."""
     return BadInput(f"{path}: no file of this folder, but a link, pipe or device; remove it")
 
 
@@ -154,7 +185,11 @@ def not_writable(directory: Path, error: OSError, remedy: str = _ELSEWHERE) -> C
 
 
 def check_directory(directory: Path, manifest: Mapping[str, Any]) -> dict[str, Any]:
-    """Return the manifest of the run in a folder, {} for none; refuse one of something else."""
+    """Return the manifest of the run in a folder; {} where there is none.
+
+    Raises BadInput where the folder holds something else than a run, and where one of the entries
+    FIXED or TRUTH differs from the given manifest.
+    """
     if not _holds_run(directory):
         return {}
     stored = read_manifest(directory)
@@ -169,12 +204,15 @@ def check_directory(directory: Path, manifest: Mapping[str, Any]) -> dict[str, A
 
 
 def entry(manifest: Mapping[str, Any], name: str) -> Any:
-    """Return an entry of a manifest, None where it has none; the truth has a default."""
+    """Return an entry of a manifest, None where it is missing; a missing TRUTH is COLOURED."""
     return manifest.get(name, COLOURED if name == TRUTH else None)
 
 
 def _holds_run(directory: Path) -> bool:
-    """Return whether there is a run. Raises BadInput where the directory holds something else."""
+    """Return whether a folder holds a run.
+
+    Raises BadInput where it is a file or holds something else than a run.
+    """
     if not directory.exists():
         return False
     if not directory.is_dir():
@@ -182,7 +220,7 @@ def _holds_run(directory: Path) -> bool:
     _refuse_special(directory)
     if (directory / MANIFEST).exists():
         return True
-    # A run that was killed before it had a manifest may have left these.
+    # Files that a run may have left that was killed before it had a manifest.
     left_over = {LOCK, *(f"{STORE}{end}" for end in ("", "-wal", "-shm", "-journal"))}
     names = {path.name for path in directory.iterdir() if not is_hidden(path.name)}
     if names - left_over:
@@ -191,7 +229,11 @@ def _holds_run(directory: Path) -> bool:
 
 
 def read_finished(directory: Path) -> dict[str, Any]:
-    """Return the manifest of a finished run: the records of others may be those of another run."""
+    """Return the manifest of a finished run.
+
+    Raises BadInput for a run that is not finished, whose records may still be those of a run
+    before, and as `read_manifest`.
+    """
     manifest = read_manifest(directory)
     if manifest.get("finished") is None:
         raise BadInput(f"{directory}: the run is not finished; start it again with its command")
@@ -201,8 +243,8 @@ def read_finished(directory: Path) -> dict[str, Any]:
 def read_manifest(directory: Path) -> dict[str, Any]:
     """Return the manifest of a run.
 
-    Raises BadInput where there is no run, for links that lead out of it, pipes and devices, and as
-    `load_manifest`.
+    Raises BadInput where there is no run, for links that lead out of the folder, for pipes and
+    devices in it, and as `load_manifest`.
     """
     if not directory.exists():
         raise BadInput(f"{directory}: no such folder; give a run's folder")
@@ -215,7 +257,8 @@ def read_manifest(directory: Path) -> dict[str, Any]:
 def _refuse_special(directory: Path) -> None:
     """Raise BadInput for a link that leads out of a folder, for a pipe and for a device in it."""
     for path in directory.iterdir() if directory.is_dir() else ():
-        # A command would wait for a pipe for ever, and write tables where a link leads.
+        # A command would wait for the other end of a pipe for ever, and it would write its tables
+        # where a link leads.
         below = Path(os.path.realpath(path)).is_relative_to(os.path.realpath(directory))
         if path.is_symlink() and not below:
             raise BadInput(f"{path}: a link that leads out of the run's folder; put a copy there")
@@ -226,22 +269,25 @@ def _refuse_special(directory: Path) -> None:
 
 
 def _is_special(path: Path) -> bool:
-    """Return whether a path is there, and neither a file nor a folder nor a link to one."""
+    """Return whether a path is a pipe, a device or a link to one: no file and no folder."""
     return path.exists() and not (path.is_file() or path.is_dir())
 
 
 def load_manifest(path: Path, where: Path | None = None, remedy: str = "") -> dict[str, Any]:
     """Return the manifest in a file, whose entries have the types of `_SCHEMA`.
 
-    Raises BadInput for one that is damaged, of version 1.0.0, of a newer schema or of another
-    version of the protocol. Messages about versions name
-    `where`, by default the file; `remedy` is another one than to run again.
+    where   what messages about versions name, by default the file
+    remedy  the remedy in messages, by default to run again
+
+    Raises BadInput for a manifest that is damaged, of version 1.0.0, of a newer schema, or of
+    another version of the protocol.
     """
     where = where or path
     instead = remedy or "move it away and run again"
     try:
         manifest = json.loads(read_file(path, MOST_BYTES))
-        json.dumps(manifest, ensure_ascii=False).encode()  # lone surrogates cannot be written
+        # Refuses texts with lone surrogates, which could not be written into another manifest.
+        json.dumps(manifest, ensure_ascii=False).encode()
         schema = manifest["schema_version"]
         if type(schema) is not int:
             raise ValueError(f"schema_version is {schema!r:.40}, no whole number")
@@ -275,7 +321,10 @@ def write_manifest(directory: Path, manifest: Mapping[str, Any]) -> None:
 
 
 def set_aside(directory: Path) -> Path | None:
-    """Rename an old run out of the way (`--fresh`); return its new place, or None without a run."""
+    """Rename the folder of an old run, as `--fresh` does, and return its new path.
+
+    Returns None where the folder holds no run.
+    """
     if not _holds_run(directory):
         return None
     number = 1
@@ -289,8 +338,13 @@ def set_aside(directory: Path) -> Path | None:
 
 
 def _misfit_of(manifest: Mapping[str, Any]) -> str:
-    """Return what a manifest lacks, or the first entry of another type; "" where it fits."""
-    needed = (*_NEEDED, *_OF_PROCEDURES.get(str(manifest.get("suite")), _OF_JOBS))
+    """Return what is wrong with a manifest, in words; "" where nothing is.
+
+    An entry may be missing, have another type than in `_SCHEMA`, be out of range, or have a name
+    twice.
+    """
+    suite = str(manifest.get("suite"))
+    needed = (*_NEEDED, *_NEEDED_FOR_PROCEDURES.get(suite, _NEEDED_FOR_JOBS))
     if lacking := [name for name in needed if name not in manifest]:
         return f"no {', '.join(lacking)}"
     if problem := _misfit(manifest, _SCHEMA, ""):
@@ -298,46 +352,77 @@ def _misfit_of(manifest: Mapping[str, Any]) -> str:
     if not 1 <= manifest["views"] <= MOST_VIEWS:
         return f"views is {manifest['views']}, not 1 to {MOST_VIEWS}"
     for name in ("methods", "conditions", "objects"):
-        names = manifest.get(name, [])
-        if len(names) > len({*names}):
-            return f"{name} has {next(n for n in names if names.count(n) > 1)!r} twice"
+        counts = Counter(manifest.get(name, ()))
+        repeated = [entry_name for entry_name, count in counts.items() if count > 1]
+        if repeated:
+            return f"{name} has {repeated[0]!r} twice"
     return ""
 
 
 def _misfit(value: Any, wanted: Any, place: str) -> str:
-    """Return the first place where a value has another type; "" where there is none."""
+    """Return the first place where a value has another type than in `_SCHEMA`, in words.
+
+    wanted  the type, as `_SCHEMA` has it
+    place   where the value stands in the manifest, as in "request.methods[0]"; "" for the whole
+
+    Returns "" where the value and all values within it have their types.
+    """
     if isinstance(wanted, tuple):
         problems = [_misfit(value, kind, place) for kind in wanted]
         return "" if "" in problems else problems[-1]
     if isinstance(wanted, list):
-        if not isinstance(value, list) or len(wanted) not in (1, len(value)):
-            return _other(place, value, "list" + f" of {len(wanted)}" * (len(wanted) > 1))
-        inner = [(f"[{i}]", v, wanted[i % len(wanted)]) for i, v in enumerate(value)]
-    elif isinstance(wanted, dict):
-        if not isinstance(value, dict):
-            return _other(place, value, "object")
-        inner = [
-            (f".{name}", v, wanted.get(name, wanted.get(str, object))) for name, v in value.items()
-        ]
-    else:
-        return (
-            "" if _fits(value, wanted) else _other(place, value, _NAMES.get(wanted, "class/name"))
-        )
-    problems = (_misfit(v, kind, f"{place}{at}".removeprefix(".")) for at, v, kind in inner)
-    return next(filter(None, problems), "")
+        return _misfit_of_list(value, wanted, place)
+    if isinstance(wanted, dict):
+        return _misfit_of_mapping(value, wanted, place)
+    if _fits(value, wanted):
+        return ""
+    return _other(place, value, _NAMES.get(wanted, "class/name"))
+
+
+def _misfit_of_list(value: Any, wanted: list[Any], place: str) -> str:
+    """Return `_misfit` of a value that is to be a list: [A] of any length, [A, B] of two."""
+    if not isinstance(value, list):
+        kind = "list" if len(wanted) == 1 else f"list of {len(wanted)}"
+        return _other(place, value, kind)
+    if len(wanted) > 1 and len(value) != len(wanted):
+        return _other(place, value, f"list of {len(wanted)}")
+    for i, inner in enumerate(value):
+        kind = wanted[0] if len(wanted) == 1 else wanted[i]
+        if problem := _misfit(inner, kind, f"{place}[{i}]"):
+            return problem
+    return ""
+
+
+def _misfit_of_mapping(value: Any, wanted: dict[Any, Any], place: str) -> str:
+    """Return `_misfit` of a value that is to be a mapping.
+
+    Where `wanted` names the entries, others that it does not name may have any type.
+    """
+    if not isinstance(value, dict):
+        return _other(place, value, "object")
+    for name, inner in value.items():
+        kind = wanted.get(name, wanted.get(str, object))
+        if problem := _misfit(inner, kind, f"{place}.{name}" if place else name):
+            return problem
+    return ""
 
 
 def _other(place: str, value: Any, kind: str) -> str:
+    """Return a message that a value is not of a kind, as in "views is 'many', no whole number"."""
     text = repr(value)
     text = text if len(text) <= _MOST_SHOWN else f"{text[:_MOST_SHOWN]}..."
     return f"{place} is {text}, no {kind}"
 
 
 def _fits(value: Any, wanted: Any) -> bool:
+    """Return whether a value is of a simple type of `_SCHEMA`, as the store and tables need it."""
     if isinstance(wanted, re.Pattern):
         return isinstance(value, str) and wanted.fullmatch(value) is not None
     if wanted is None:
         return value is None
     if wanted is int:
         return type(value) is int and abs(value) < 2**63
-    return wanted is object or (type(value) is wanted and value == value)  # NaN is no number
+    if wanted is object:
+        return True
+    is_nan = value != value  # NaN is of type float, but no number that could be used
+    return type(value) is wanted and not is_nan

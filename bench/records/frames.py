@@ -1,4 +1,4 @@
-"""The images, the jobs and the features of a run, read from its store."""
+"""The records, jobs, features and images of a run, read from its store, mostly as data frames."""
 
 from __future__ import annotations
 
@@ -33,14 +33,17 @@ from data_prep.failures import BadInput
 from data_prep.files.atomic_write import atomic_write
 
 _RECORDS = "records.parquet"
-ImageKey = tuple[str, int]  # object, view
+ImageKey = tuple[str, int]  # the name of the object, and the number of the view
 NamedResult = tuple[JobName, Result]
-_IMAGES_AT_ONCE = 2**16  # whose records are in memory, some 20 MB
-_SUMMED = (*SCORES, *TIMES)
+_IMAGES_AT_ONCE = 2**16  # the number of images whose records are in memory at a time: some 20 MB
+_SUMMED = (*SCORES, *TIMES)  # the columns whose values are summed over the views of a job
 
 
 def _parts(jobs: Iterable[NamedResult], most: int) -> Iterator[list[NamedResult]]:
-    """Yield the jobs in lists of at least `most` images, but for the last; none is divided."""
+    """Yield the jobs in lists, each of which is complete once it has `most` images.
+
+    The last list may have fewer images. No job is divided between two lists.
+    """
     part: list[NamedResult] = []
     count = 0
     for name, result in jobs:
@@ -54,67 +57,73 @@ def _parts(jobs: Iterable[NamedResult], most: int) -> Iterator[list[NamedResult]
 
 
 def job_frame(jobs: Sequence[NamedResult]) -> pd.DataFrame:
-    """Return one row for each job, in their order.
+    """Return a frame with one row for each job, in their order.
 
-    It has the columns JOB, `reason` and `notes`; `planned` and `drawn`, its views and those with
-    images, which are all or none; its times; and for each column of scores and times, as `ssim`,
-    `ssim_sum` and `ssim_count`: the sum and the number of the values that are no NaN.
+    JOB                    the columns that name the job
+    reason, notes          why it gave no images, and what the method says about its repairs
+    planned                the number of its views
+    drawn                  the number of its images: `planned`, or 0 for a job that failed
+    TIMES                  its times
+    ssim_sum, ssim_count   the sum of a score over its views, and the number of views that have the
+                           score (it is not NaN); likewise for all SCORES and TIMES
     """
     counts = np.array([result.count for _, result in jobs], np.int64)
     has_images = np.array([result.has_images for _, result in jobs], bool)
-    columns: dict[str, Any] = {
-        name: np.array([job_name[i] for job_name, _ in jobs], object) for i, name in enumerate(JOB)
-    }
+    columns: dict[str, Any] = {}
+    for i, name in enumerate(JOB):
+        columns[name] = np.array([job_name[i] for job_name, _ in jobs], object)
     for name in ("reason", "notes"):
         columns[name] = np.array([getattr(result, name) for _, result in jobs], object)
-    columns["planned"], columns["drawn"] = counts, np.where(has_images, counts, 0)
-    times = {name: [getattr(result, name) for _, result in jobs] for name in TIMES}
-    columns |= {name: np.array(values, np.float64) for name, values in times.items()}
-    job = np.repeat(np.arange(len(jobs)), counts)  # of each view
+    columns["planned"] = counts
+    columns["drawn"] = np.where(has_images, counts, 0)
+    for name in TIMES:
+        columns[name] = np.array([getattr(result, name) for _, result in jobs], np.float64)
+    job_of_view = np.repeat(np.arange(len(jobs)), counts)
     of_views = dict(zip(OF_VIEWS, _values(jobs).T, strict=True))
-    of_views |= {name: columns[name][job] for name in TIMES}
+    for name in TIMES:
+        of_views[name] = columns[name][job_of_view]
     for name in _SUMMED:
         values = of_views[name]
         known = ~np.isnan(values)
         sums = np.zeros(len(jobs))
-        # One after the other: equal images have equal sums to the last bit.
-        np.add.at(sums, job[known], values[known])
+        # `add.at` adds one value after the other, so that equal images have equal sums.
+        np.add.at(sums, job_of_view[known], values[known])
         columns[f"{name}_sum"] = sums
-        columns[f"{name}_count"] = np.bincount(job[known], minlength=len(jobs))
+        columns[f"{name}_count"] = np.bincount(job_of_view[known], minlength=len(jobs))
     texts = dict.fromkeys((*JOB, "reason", "notes"), object)
     return pd.DataFrame(columns, copy=False).astype(texts)
 
 
 def _values(jobs: Sequence[NamedResult]) -> Floats:
-    """Return the values in OF_VIEWS of all views, job after job, [V, OF_VIEWS]."""
+    """Return the values of all views, job after job: float64 [V, OF_VIEWS]."""
     packed = b"".join(result.views for _, result in jobs)
     return np.frombuffer(packed, "<f8").reshape(-1, len(OF_VIEWS))
 
 
 def _image_frame(jobs: Sequence[NamedResult]) -> pd.DataFrame:
-    """Return one row for each view of jobs.
+    """Return a frame with one row for each view of some jobs, with the columns COLUMNS.
 
-    The condition is that of the name: one job stands for every condition where its method does not
-    see the cloud.
+    The condition is that of the job's name, not that of its result: where a method does not look at
+    the cloud, one result stands for all conditions.
     """
-    names, results = zip(*jobs, strict=True)
+    results = [result for _, result in jobs]
     counts = [result.count for result in results]
-    of_jobs = {
-        "suite": [result.suite for result in results],
-        **dict(zip(JOB, zip(*names, strict=True), strict=True)),
-        "outcome": ["ok" if result.has_images else "failed" for result in results],
-        **{n: [getattr(result, n) for result in results] for n in ("reason", "notes", *TIMES)},
-    }
-    columns: dict[str, Any] = {
-        name: np.repeat(np.array(of_job, TYPES.get(name, object)), counts)
-        for name, of_job in of_jobs.items()
-    }
+    of_jobs: dict[str, list[Any]] = {"suite": [result.suite for result in results]}
+    for i, name in enumerate(JOB):
+        of_jobs[name] = [job_name[i] for job_name, _ in jobs]
+    of_jobs["outcome"] = ["ok" if result.has_images else "failed" for result in results]
+    for name in ("reason", "notes", *TIMES):
+        of_jobs[name] = [getattr(result, name) for result in results]
+    columns: dict[str, Any] = {}
+    for name, values in of_jobs.items():
+        columns[name] = np.repeat(np.array(values, TYPES.get(name, object)), counts)
     columns["view"] = np.concatenate([np.arange(count, dtype=TYPES["view"]) for count in counts])
     columns |= zip(OF_VIEWS, _values(jobs).T, strict=True)
     return pd.DataFrame({name: columns[name] for name in COLUMNS}, copy=False)
 
 
 def _read_parts(directory: Path, **only: str) -> Iterator[list[NamedResult]]:
+    """Yield the jobs in the store of a run in lists that fit into memory, sorted by name."""
     with open_store(directory) as store:
         if store.is_empty:
             raise BadInput(
@@ -124,10 +133,12 @@ def _read_parts(directory: Path, **only: str) -> Iterator[list[NamedResult]]:
 
 
 def read_records(directory: Path, columns: Sequence[str] = COLUMNS, **only: str) -> pd.DataFrame:
-    """Return the records of a run, or some columns of them, sorted by name and view.
+    """Return the records of a run, or some columns of them, sorted by job and view.
 
-    `only` gives values of the columns that name a job, as `method="blank"`. Raises BadInput where
-    the run is not finished, and where its store cannot be read or has changed.
+    only  values that the columns in JOB are to have, as in `method="blank"`
+
+    Raises BadInput where the run is not finished, and where its store cannot be read or has changed
+    since it was written.
     """
     parts = [_image_frame(part)[list(columns)] for part in _read_parts(directory, **only)]
     frame = pd.concat(parts, ignore_index=True) if parts else pd.DataFrame(columns=list(columns))
@@ -137,7 +148,8 @@ def read_records(directory: Path, columns: Sequence[str] = COLUMNS, **only: str)
 def write_records(directory: Path, store: Store, most: int = _IMAGES_AT_ONCE) -> None:
     """Write the records of the complete run to `records.parquet`, whole or not at all.
 
-    Nothing here reads that file: it is for the scripts of others.
+    The file is for scripts of users; this project does not read it. `most` images are in memory at
+    a time.
     """
     kinds = {name: pa.from_numpy_dtype(kind) for name, kind in TYPES.items()}
     schema = pa.schema(
@@ -146,7 +158,7 @@ def write_records(directory: Path, store: Store, most: int = _IMAGES_AT_ONCE) ->
     )
     with (
         atomic_write(directory / _RECORDS) as new,
-        new.open("wb") as file,  # pyarrow opens no path that is not UTF-8
+        new.open("wb") as file,  # by Python, since pyarrow cannot open a path that is not UTF-8
         pq.ParquetWriter(file, schema) as writer,
     ):
         for part in _parts(store.results(), most):
@@ -155,19 +167,20 @@ def write_records(directory: Path, store: Store, most: int = _IMAGES_AT_ONCE) ->
 
 
 def read_job_sums(directory: Path) -> pd.DataFrame:
-    """Return the jobs of a finished run as `job_frame`, sorted by name. Raises as `read_records`.
+    """Return the jobs of a finished run as `job_frame` has them, sorted by name.
 
-    Ground truths are no rows, and memory does not grow with the number of views.
+    The jobs that draw the ground truths have no row. The memory that it takes does not grow with
+    the number of views. Raises as `read_records`.
     """
     parts = [job_frame(part) for part in _read_parts(directory)]
     return pd.concat(parts, ignore_index=True) if parts else job_frame([])
 
 
 class Features(Protocol):
-    """The features of one extractor by method, condition and class."""
+    """The features that one extractor has taken of the images of a run."""
 
     def images(self, method: str, condition: str, class_name: str) -> list[ImageKey]:
-        """Return all images that have features, sorted; an empty list where none have."""
+        """Return all images of a method, condition and class that have features, sorted."""
         ...
 
     def of(
@@ -178,13 +191,13 @@ class Features(Protocol):
 
 
 class _StoredFeatures:
-    """The features of one extractor in the store of a run; only those asked for are in memory."""
+    """The features of one extractor in the store of a run, read when they are asked for."""
 
     def __init__(self, directory: Path, extractor: str) -> None:
         self._directory, self._extractor = directory, extractor
 
     def images(self, method: str, condition: str, class_name: str) -> list[ImageKey]:
-        """Return all images that have features, sorted."""
+        """Return all images of a method, condition and class that have features, sorted."""
         with open_store(self._directory) as store:
             objects = store.images_with(self._extractor, method, condition, class_name)
         return [(obj, view) for obj, views in objects for view in range(views)]
@@ -193,14 +206,15 @@ class _StoredFeatures:
         self, method: str, condition: str, class_name: str, images: Sequence[ImageKey]
     ) -> Floats32:
         """Return the features of `images`, [n, d]. Raises BadInput where the store lacks one."""
-        rows: dict[str, list[tuple[int, int]]] = {}  # of each object: view, row
+        # For each object the views that are asked for, with the row that each has in the answer.
+        rows: dict[str, list[tuple[int, int]]] = {}
         for row, (obj, view) in enumerate(images):
             rows.setdefault(obj, []).append((view, row))
         values = np.empty((0, 0), np.float32)
-        cell = (method, condition, class_name)
+        first, last = min(rows, default=""), max(rows, default="")
         with open_store(self._directory) as store:
             for obj, of_views in store.features(
-                self._extractor, *cell, first=min(rows, default=""), last=max(rows, default="")
+                self._extractor, method, condition, class_name, first=first, last=last
             ):
                 if of_views.ndim != 2 or of_views.dtype != np.float32:
                     break
@@ -222,21 +236,22 @@ class _StoredFeatures:
 
 
 def read_features(directory: Path, extractor: str) -> _StoredFeatures | None:
-    """Return the features of one extractor; None where they were not taken."""
+    """Return the features of one extractor in the store of a run; None where it has none."""
     with open_store(directory) as store:
         return _StoredFeatures(directory, extractor) if store.has_features(extractor) else None
 
 
 def scored_metrics(directory: Path) -> list[str]:
-    """Return the ids of the metrics that a run was scored by with `bench score`, sorted."""
+    """Return the ids of the metrics by which `bench score` has scored a run, sorted."""
     with open_store(directory) as store:
         return [*store.metrics()]
 
 
 def read_scores(directory: Path, metric_id: str) -> tuple[ScoredMetric, pd.DataFrame]:
-    """Return a metric of `bench score` and the existing images: the columns JOB, view and value.
+    """Return a metric of `bench score`, and its value for each image of a run.
 
-    Raises BadInput where any of the run's images has no value.
+    The frame has a row for each image that was drawn, with the columns JOB, `view` and `value`.
+    Raises BadInput where one of these images has no value.
     """
     again = f"run 'bench score {directory} --metrics {metric_id}'"
     with open_store(directory) as store:
@@ -260,7 +275,10 @@ class Artifact:
     key: str
 
     def read(self, name: str = IMAGES) -> NDArray[Any]:
-        """Return images [V, H, W, 3], or features [V, d]. Raises KeyError without, and BadInput."""
+        """Return the images [V, H, W, 3], or the features [V, d] of an extractor.
+
+        Raises KeyError where the job has none, and BadInput where they cannot be read.
+        """
         with open_store(self.directory) as store:
             return unpack(store.array(self.key, name))
 
@@ -272,7 +290,7 @@ class Artifact:
 
 
 def stored_artifacts(directory: Path) -> dict[JobName, Artifact]:
-    """Return the artifacts of a complete run by the names of its jobs, in the order of its plan."""
+    """Return the images and features of a complete run by job, in the order of its plan."""
     jobs = read_jobs(directory)
     return {job.name: Artifact(directory, job.key) for job in jobs if job.has_images}
 

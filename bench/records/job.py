@@ -23,27 +23,51 @@ from data_prep.failures import BadInput
 from data_prep.files.safe_read import MIB
 from data_prep.scene import View
 
-SCHEMA_VERSION = 5  # of the manifest; others are refused, never guessed at
-RECORDS_VERSION = 4  # of what a job gives, in the key of every job and in `records.parquet`
+# The version of the manifest's form; manifests of other versions are refused, never guessed at.
+SCHEMA_VERSION = 5
+# The version of what a job gives, in the key of every job and in `records.parquet`: raise it when
+# that changes, and finished jobs are done again.
+RECORDS_VERSION = 4
 
-CLAIMED = "times as claimed"  # in the notes of records of images that were drawn elsewhere
-GROUND_TRUTH = "ground-truth"  # stands where a method's id stands, in features and images
+CLAIMED = "times as claimed"  # the note in records of images that others have drawn
+GROUND_TRUTH = "ground-truth"  # what the job that draws the true images has for a method's id
 JOB = ["method", "condition", "class", "object"]  # the columns that name a job
-TIMES = ("prepare_s", "draw_s")  # the columns that differ from run to run
+# Seconds to prepare a cloud, and to draw a view. These columns alone differ from run to run.
+TIMES = ("prepare_s", "draw_s")
 SCORES = (
-    *("ssim", "luminance", "contrast", "structure", "psnr", "ssim_object"),
-    *("silhouette_iou", "thin_recall", "thin_precision", "lpips"),
+    "ssim",
+    "luminance",
+    "contrast",
+    "structure",
+    "psnr",
+    "ssim_object",
+    "silhouette_iou",
+    "thin_recall",
+    "thin_precision",
+    "lpips",
 )
-OF_VIEWS = ("azimuth_deg", "elevation_deg", *SCORES)
-COLUMNS = (  # of `records.parquet`
-    *("suite", *JOB, "view", "azimuth_deg", "elevation_deg", "outcome", "reason", "notes"),
-    *(*SCORES, *TIMES),
+OF_VIEWS = ("azimuth_deg", "elevation_deg", *SCORES)  # the values that each view has
+# The columns of `records.parquet`, in their order.
+COLUMNS = (
+    "suite",
+    *JOB,
+    "view",
+    "azimuth_deg",
+    "elevation_deg",
+    "outcome",
+    "reason",
+    "notes",
+    *SCORES,
+    *TIMES,
 )
-TYPES = {"view": "int32", **dict.fromkeys((*OF_VIEWS, *TIMES), "float64")}  # of all but text
+# The types of the columns; those that are not here are text.
+TYPES = {"view": "int32", **dict.fromkeys((*OF_VIEWS, *TIMES), "float64")}
 
 
-IMAGES = "images"  # beside the ids of extractors, whose features are arrays of a job, too
-MOST_BYTES = 512 * MIB  # of an array: ten thousand images
+# The name of the images among the arrays of a job; the others, its features, have the ids of their
+# extractors.
+IMAGES = "images"
+MOST_BYTES = 512 * MIB  # the largest array that is read; ten thousand images have 469 MiB
 
 
 class JobName(NamedTuple):
@@ -56,20 +80,20 @@ class JobName(NamedTuple):
 
     @property
     def truth(self) -> JobName:
-        """Return the name of the ground truth of its object."""
+        """Return the name of the job that draws the true images of the same object."""
         return JobName(GROUND_TRUTH, "", self.class_name, self.object_id)
 
     @property
     def object(self) -> tuple[str, str]:
-        """Return class and name of its object."""
+        """Return the class and the name of the object."""
         return self.class_name, self.object_id
 
 
-MOST_TEXT = 10_000  # characters of a reason, or of notes
+MOST_TEXT = 10_000  # the most characters that are stored of a reason, and of notes
 
 
 def stored_text(text: str) -> str:
-    """Return a text as every file can hold it: not endless, and without lone surrogates."""
+    """Return a text that any file can hold: cut where it is long, and without lone surrogates."""
     kept = text if len(text) <= MOST_TEXT else f"{text[:MOST_TEXT]} [...]"
     return kept.encode("utf-8", "backslashreplace").decode()
 
@@ -85,15 +109,18 @@ def timed(part: str, seconds: MutableMapping[str, float]) -> Iterator[None]:
 
 
 def tenths(seconds: Mapping[str, float]) -> dict[str, float]:
-    """Return the seconds of stages as manifests have them."""
+    """Return the seconds of stages as manifests have them, rounded to tenths."""
     return {stage: round(taken, 1) for stage, taken in seconds.items()}
 
 
 def shares(seconds: Mapping[str, float], available_s: float) -> dict[str, float]:
-    """Return the parts of `available_s`, the time of all workers together.
+    """Return what part of the workers' time went into methods, metrics, rendering and the harness.
 
-    `seconds` are those of all jobs. Time that no method, metric or rendering has used counts as
-    harness: clouds, and workers that start, wait or idle while the tables are made.
+    seconds      the seconds of all jobs, by "methods", "metrics" and "rendering"
+    available_s  the time of all workers together
+
+    The harness has the rest: the making of clouds, and the time in which workers start, wait, or
+    idle while the tables are made.
     """
     parts = ("methods", "metrics", "rendering")
     named = {part: seconds.get(part, 0.0) / available_s for part in parts}
@@ -104,20 +131,21 @@ def shares(seconds: Mapping[str, float], available_s: float) -> dict[str, float]
 class Job:
     """One method on one cloud with all its views; or the ground truth (method GROUND_TRUTH)."""
 
-    key: str  # a digest of everything that the result depends on
+    key: str  # a checksum of everything that the result depends on
     suite: str
     method: str
     condition: str
-    perturbation: Perturbation  # the change of the cloud that `condition` is the name of
+    perturbation: Perturbation  # the change of the cloud that the condition stands for
     object: SceneObject
     views: tuple[View, ...]
     seed: int
     device: str
-    features: tuple[tuple[str, str], ...]  # id and weights file of each extractor to run
-    reference_key: str | None  # of the ground truth; None where nothing is scored
-    address: str = ""  # by which the method is found; "" where that is its id
-    batch: int | None = None  # views drawn in one call; None for all of them
-    # The packed images of the ground truth, there when the job is handed to a worker.
+    # The id and the weights file of each extractor whose features are taken of the images.
+    features: tuple[tuple[str, str], ...]
+    reference_key: str | None  # the key of the ground truth's job; None where nothing is scored
+    address: str = ""  # the address by which the method is found; "" where that is its id
+    batch: int | None = None  # how many views are drawn in one call; None for all of them
+    # The packed images of the ground truth. A job gets them when it is handed to a worker.
     reference: bytes | None = field(default=None, repr=False, compare=False)
 
     @property
@@ -130,23 +158,26 @@ class Job:
 class Result:
     """The result of a job."""
 
-    key: str  # of the job
+    key: str  # the key of the job
     suite: str = ""
-    reason: str = ""  # why there are no images; empty where there are
-    notes: str = ""
-    prepare_s: float | None = None  # as in the records
-    draw_s: float | None = None
-    # Directions and scores of the views, by `pack_views`, and packed images and features by name;
-    # empty where they are left in the store.
+    reason: str = ""  # why the job gave no images; "" where it gave them
+    notes: str = ""  # what the method says about its repairs of the cloud
+    prepare_s: float | None = None  # seconds for the cloud; None where unknown
+    draw_s: float | None = None  # seconds for an image; None where unknown
+    # The directions and scores of the views, packed by `pack_views`; empty where they are left in
+    # the store.
     views: bytes = field(default=b"", repr=False)
+    # The packed images (IMAGES) and the packed features by the ids of their extractors; empty where
+    # they are left in the store.
     arrays: Mapping[str, bytes] = field(default_factory=dict, repr=False)
-    # Why going on with other jobs of this kind makes no sense (a library or weights file is
-    # missing); the run ends with this message.
+    # Why other jobs would fail, too, as where a library or a weights file is missing. The run ends
+    # with this message.
     unusable: str | None = None
-    # Seconds of a worker for methods (loading, preparing, drawing), metrics and the rendering of
-    # the ground truth; empty for a job of an earlier start, and for one whose worker died.
+    # The seconds of a worker for "methods" (loading, preparing, drawing), "metrics" and
+    # "rendering" (of the ground truth). It is empty for a job that was done before this start of
+    # the run, and for one whose worker died.
     timing: Mapping[str, float] = field(default_factory=dict)
-    environment: str = ""  # that it was made in, once it is stored, as JSON
+    environment: str = ""  # where it is stored: the environment that it was made in, as JSON
 
     @property
     def has_images(self) -> bool:
@@ -166,16 +197,27 @@ class Result:
 
 
 def failed(job: Job, reason: str, taken_s: float | None = None) -> Result:
-    """Return the result of a job that gave no images, after so many seconds; None if unknown."""
-    draw_s, views = None if taken_s is None else 0.0, pack_views(job.views)
-    reason = stored_text(reason) or "no reason given"  # which a stranger's error need not have
-    return Result(job.key, job.suite, reason, "", taken_s, draw_s, views)
+    """Return the result of a job that gave no images.
+
+    reason   why; an error of a method by others may have no text
+    taken_s  the seconds until it failed, which count as those for the cloud; None where unknown
+    """
+    return Result(
+        key=job.key,
+        suite=job.suite,
+        reason=stored_text(reason) or "no reason given",
+        prepare_s=taken_s,
+        draw_s=None if taken_s is None else 0.0,
+        views=pack_views(job.views),
+    )
 
 
 def pack_views(views: Sequence[View], scores: Mapping[str, Floats] | None = None) -> bytes:
-    """Return directions, and scores [V] by column, as float64 [V, OF_VIEWS]; NaN for no score.
+    """Return the directions and scores of views as the bytes of a float64 array [V, OF_VIEWS].
 
-    These bytes are a third of JSON that is deflated, and read without being parsed.
+    scores  float64 [V] by the names in SCORES; a missing score, and one that is not finite, is NaN
+
+    These bytes take a third of what compressed JSON takes, and are read without being parsed.
     """
     values = np.full((len(views), len(OF_VIEWS)), np.nan, "<f8")
     values[:, :2] = [(view.azimuth_deg, view.elevation_deg) for view in views]
@@ -185,24 +227,24 @@ def pack_views(views: Sequence[View], scores: Mapping[str, Floats] | None = None
 
 
 def pack(array: NDArray[Any]) -> bytes:
-    """Return an array as bytes: a .npy file, deflated."""
+    """Return an array as bytes: those of a .npy file, compressed by zlib."""
     buffer = io.BytesIO()
     np.lib.format.write_array(buffer, array, (1, 0), allow_pickle=False)
     return zlib.compress(buffer.getvalue())
 
 
 def unpack(data: bytes) -> NDArray[Any]:
-    """Return the array in bytes by `pack`.
+    """Return the array that `pack` has made these bytes of.
 
-    Raises BadInput for other bytes, and for an array that would take more memory than the images of
-    any job.
+    Raises BadInput for other bytes, and for an array of more than MOST_BYTES, which no job gives.
     """
     try:
         unpacking = zlib.decompressobj()
         content = unpacking.decompress(data, MOST_BYTES)
         if not unpacking.eof:
             raise ValueError(f"cut short, or of more than {MOST_BYTES // MIB} MiB")
-        # A view of the bytes: what the header claims beyond them is refused, and nothing allocated.
+        # The array is made of the bytes that are there: where the header claims more of them, it is
+        # refused before any memory is allocated for it.
         stream = io.BytesIO(content)
         if np.lib.format.read_magic(stream) != (1, 0):
             raise ValueError("of another format")
