@@ -1,4 +1,4 @@
-"""What follows the jobs of a run, in its order: tables, further metrics, figures and the report."""
+"""The steps after the jobs of a run, in their order: tables, further metrics, figures, report."""
 
 from __future__ import annotations
 
@@ -33,11 +33,13 @@ from data_prep.failures import BadInput
 
 
 def run_suite(options: Options, watch: Watch) -> RunResult[Outputs]:
-    """Run a suite, or go on with one, and write its tables, figures and report.
+    """Run a suite, or go on with a run of it, and write its tables, figures and report.
 
-    `watch` is as for `bench.running.run.run`. Tables and figures are written while the folder is
-    locked, the report afterwards, when the manifest says that the run is finished. Raises BadInput
-    for an error that the user has to fix; finished jobs are kept.
+    watch  returns the reporter of progress, see `bench.running.run.run`
+
+    Tables and figures are written while the folder is locked. The report is written afterwards,
+    because it needs the finished run's manifest. Raises BadInput for an error that the user has to
+    fix; finished jobs are kept.
     """
     device = metrics_device(device_of(options)) if options.metrics else "cpu"
     further = [find_metric(metric_id, device) for metric_id in options.metrics or ()]
@@ -53,28 +55,31 @@ def write_tables_and_figures(
 ) -> Outputs:
     """Write the tables and figures of a run whose jobs are done and listed, and return them.
 
-    The time of each stage is added to `seconds`. `further` are metrics that are taken of its images
-    now, each with a table of its own. The folder is locked by the caller.
+    directory  the folder of the run, which the caller has locked
+    seconds    gets the time of each stage, which is added to what it has
+    further    metrics beside those of the suite; they are taken of the images now, and each has a
+               table of its own
     """
     with timed("tables", seconds):
         outputs = write_outputs(read_run(directory, read_manifest(directory)))
     if further:
         with timed("further metrics", seconds):
             tables = _write_metric_tables(outputs.run, further)
-        again = {table.name for table in tables}  # scored before, and now once more
-        before = (table for table in outputs.tables if table.name not in again)
-        outputs = replace(outputs, tables=(*before, *tables), tails=write_tails(outputs.run))
+        # A metric may have a table from before, of the scores that have been replaced now.
+        written = {table.name for table in tables}
+        others = (table for table in outputs.tables if table.name not in written)
+        outputs = replace(outputs, tables=(*others, *tables), tails=write_tails(outputs.run))
     with timed("figures", seconds):
         _write_figures(directory, outputs.run.suite, outputs, stored_artifacts(directory))
     return outputs
 
 
 def score_run(run: Run, metrics: Sequence[ImageMetric | SetMetric]) -> list[Table]:
-    """Write a table of each metric of a finished run, metric_ID.csv and .md; return all.
+    """Score a finished run by some metrics, and return the tables, which are written, too.
 
-    The last is the table of tails, where the run was scored by its metrics, now or before. The
-    folder is locked meanwhile. Raises BadInput for missing images, and where a metric fails or
-    gives no scores.
+    Each metric has a table, metric_ID.csv and .md. The last table is that of the tails, where the
+    run has been scored by the metrics that it shows, now or before. The folder is locked meanwhile.
+    Raises BadInput for missing images, and where a metric fails or gives no scores.
     """
     with locked_run(run.directory):
         tables, tails = _write_metric_tables(run, metrics), write_tails(run)
@@ -82,7 +87,11 @@ def score_run(run: Run, metrics: Sequence[ImageMetric | SetMetric]) -> list[Tabl
 
 
 def _write_metric_tables(run: Run, metrics: Sequence[ImageMetric | SetMetric]) -> list[Table]:
-    """Write the tables of metrics of a run whose folder is locked, and return them."""
+    """Score a run by some metrics, write a table of each, and return the tables.
+
+    The caller has locked the folder. Raises BadInput as `score_run`, and for a metric whose id is
+    the name of a column of the records.
+    """
     for metric in metrics:
         if column(metric.id) in COLUMNS:
             raise BadInput(
@@ -98,8 +107,10 @@ def _write_metric_tables(run: Run, metrics: Sequence[ImageMetric | SetMetric]) -
 def _write_figures(
     directory: Path, suite: Suite, outputs: Outputs, artifacts: Mapping[JobName, Artifact]
 ) -> None:
-    classes = suite.table("classes")
-    by_class = next((t for t in outputs.tables if classes and t.name == classes.name), None)
+    """Write the figures of the kind that the suite declares."""
+    by_class = None  # the table that compares classes, where the suite has one
+    if classes := suite.table("classes"):
+        by_class = next((table for table in outputs.tables if table.name == classes.name), None)
     if suite.figures == "classes" and by_class is not None:
         write_class_figures(directory, by_class, outputs.headline, paper_values(suite), artifacts)
     elif suite.figures == "frontier" and outputs.frontier_tables is not None:
@@ -107,5 +118,5 @@ def _write_figures(
         write_frontier(directory / FIGURES, frontier.frame)
     elif suite.figures == "condition sweep" and not outputs.curves.empty:
         write_beyond_figures(directory, outputs.curves, artifacts)
-    else:  # also for a part of a run that has no family of conditions
+    else:  # also where a run has too few methods or conditions for the figures of its suite
         write_figures(directory, outputs.tables, artifacts)

@@ -1,4 +1,4 @@
-"""The bundled networks that measure, with their weights."""
+"""The bundled networks by which drawn images are measured, with their weights."""
 
 from pathlib import Path
 

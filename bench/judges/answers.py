@@ -1,6 +1,6 @@
-"""Readings of the judge's answers: the view of an image, and which object it shows.
+"""What the judge's answers say: from where an image is seen, and which object it shows.
 
-They are pure functions of `bench.judges.judge.judge`'s answers, without the network.
+The functions take the answers of `bench.judges.judge.judge` as arrays and do not need the network.
 """
 
 from __future__ import annotations
@@ -14,18 +14,22 @@ from numpy.typing import NDArray
 
 from data_prep.arrays import Floats
 
-ImageKey = tuple[str, int]  # object, view
-ELEVATION_UNIT_DEG = 40.0  # the judge's elevation is in these
-AT_ONCE = 2**16  # distances that are in memory
-VIEW_COLUMNS = 3  # sine and cosine of the azimuth, elevation; the rest is the shape code
+ImageKey = tuple[str, int]  # the name of the object, and the number of the view
+ELEVATION_UNIT_DEG = 40.0  # the unit of the judge's elevations, in degrees
+AT_ONCE = 2**16  # the number of distances between codes that are in memory at a time
+# The first columns of an answer: sine and cosine of the azimuth, and the elevation. The columns
+# after them are the shape code.
+VIEW_COLUMNS = 3
 
 
 def azimuth_error_deg(answers: NDArray[Any], azimuth_deg: Floats) -> Floats:
     """Return the error of the judged azimuth against the requested one, [n], 0..180 degrees.
 
-    answers [n, 3 + d]; azimuth_deg [n], any finite value: both are wrapped at 360.
+    answers      [n, 3 + d]
+    azimuth_deg  [n], any finite value; azimuths that differ by 360 degrees are the same
     """
-    judged = np.degrees(np.arctan2(answers[:, 0].astype(float), answers[:, 1].astype(float)))
+    sine, cosine = answers[:, 0].astype(float), answers[:, 1].astype(float)
+    judged = np.degrees(np.arctan2(sine, cosine))
     return np.abs((judged - azimuth_deg + 180.0) % 360.0 - 180.0)
 
 
@@ -36,13 +40,13 @@ def elevation_error_deg(answers: NDArray[Any], elevation_deg: Floats) -> Floats:
 
 @dataclass(frozen=True, eq=False)
 class Gallery:
-    """The true shape codes of all objects of a class, among which judged ones are looked up.
+    """The shape codes of all true images of a class, to which codes of drawn images are compared.
 
-    class_name
-    objects  the G objects, sorted
-    sums     float64 [G, d], over all true images of an object
-    counts   how many those are, int [G]
-    codes    float64 [d] of each true image
+    class_name  the class
+    objects     the names of its G objects, sorted
+    sums        float64 [G, d], the sum of the codes of each object's true images
+    counts      int [G], the number of each object's true images
+    codes       the code of each true image, float64 [d]
     """
 
     class_name: str
@@ -52,10 +56,11 @@ class Gallery:
     codes: dict[ImageKey, Floats]
 
     def without(self, view: int) -> Floats:
-        """Return the mean code [G, d] of each object over its true images except this view.
+        """Return the mean code [G, d] of each object over its true images of all other views.
 
-        So an image is never compared with the true image of its own view: it has to be known by its
-        shape, and the truth itself is no exception. NaN for an object that has no other image.
+        So an image is never compared with the true image of its own view. It has to be recognised
+        by its shape, and that also holds where true images are judged. NaN for an object that has
+        no image of another view.
         """
         sums, counts = self.sums.copy(), self.counts.astype(float)
         for i, obj in enumerate(self.objects):
@@ -68,7 +73,7 @@ class Gallery:
 
 
 def gallery(class_name: str, images: Sequence[ImageKey], answers: NDArray[Any]) -> Gallery:
-    """Return the gallery of a class, from the answers [n, 3 + d] to its n true images."""
+    """Return the gallery of a class, made of the answers [n, 3 + d] to its n true images."""
     objects = tuple(sorted({obj for obj, _ in images}))
     codes = _codes(answers)
     place = {obj: i for i, obj in enumerate(objects)}
@@ -80,7 +85,7 @@ def gallery(class_name: str, images: Sequence[ImageKey], answers: NDArray[Any]) 
 
 
 def why_no_retrieval(among: Gallery) -> str:
-    """Return the reason why this gallery permits no retrieval; empty where it does."""
+    """Return the reason why no object can be looked up in this gallery; "" where one can."""
     if len(among.objects) < 2:
         return f"{len(among.objects)} object: there is nothing to tell it from; run at least 2"
     if among.counts.min() < 2:
@@ -89,11 +94,16 @@ def why_no_retrieval(among: Gallery) -> str:
 
 
 def found(among: Gallery, answers: NDArray[Any], images: Sequence[ImageKey]) -> Floats:
-    """Return 1 for each image [n] whose judged code is nearest to the right object, else 0.
+    """Return 1 for each image [n] whose code is nearer to its own object than to others, else 0.
 
-    The distance is Euclidean; of objects equally near the first by name counts.
+    among    the gallery with the mean codes of the objects
+    answers  [n, 3 + d], the answers to the images
+    images   which object each image shows, and from which view
+
+    The distance is Euclidean. Where several objects are equally near, the first by name counts.
     """
-    from scipy.spatial.distance import cdist  # a moment to import, which most commands need not
+    # Imported here, because it takes a moment and most commands do not need it.
+    from scipy.spatial.distance import cdist
 
     codes = _codes(answers)
     hits = np.zeros(len(images))
@@ -104,13 +114,13 @@ def found(among: Gallery, answers: NDArray[Any], images: Sequence[ImageKey]) -> 
         at_once = max(1, AT_ONCE // max(len(means), 1))
         for start in range(0, len(rows), at_once):
             some = rows[start : start + at_once]
-            distances = cdist(codes[some], means)
-            hits[some] = [
-                among.objects[k] == images[i][0]
-                for i, k in zip(some, distances.argmin(axis=1), strict=True)
-            ]
+            nearest = cdist(codes[some], means).argmin(axis=1)
+            for row, place in zip(some, nearest, strict=True):
+                own_object, _ = images[row]
+                hits[row] = among.objects[place] == own_object
     return hits
 
 
 def _codes(answers: NDArray[Any]) -> Floats:
+    """Return the shape codes [n, d] in answers [n, 3 + d]."""
     return np.asarray(answers)[:, VIEW_COLUMNS:].astype(np.float64)

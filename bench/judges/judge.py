@@ -1,10 +1,10 @@
-"""The judge of drawn images: from where a chair is seen, and which chair it is.
+"""The judge of drawn images, a network that tells from where a chair is seen and which chair it is.
 
-It is a network that has seen true images only. From an image it predicts the direction of view, to
-be compared with the requested one, and a shape code, by which the object can be told from others.
-It looks at brightness alone, because methods draw in other colours than the truth, and was trained
-on blurred, repainted and damaged images, because methods draw those. It was trained on the
-procedural train split; the weights are bundled, and docs/maintaining.md has their card.
+From an image it predicts the direction of view, to be compared with the requested one, and a shape
+code, by which the object can be told from others. It was trained on true images of the procedural
+train split alone; these were also blurred, repainted and damaged, as drawn images are. It sees
+brightness and no colours, because methods draw in other colours than those of the truth. The
+weights are bundled, and docs/maintaining.md has their card.
 """
 
 from __future__ import annotations
@@ -22,36 +22,38 @@ from data_prep.scene import IMAGE_SIZE
 from learning.exact import exact_inference
 from learning.weights import read_safetensors
 
-FEATURES = 192
-CODE = 32
-BATCH = 20
+FEATURES = 192  # the width of the last layer before the answers
+CODE = 32  # the length of a shape code
+BATCH = 20  # the most images that the network sees at a time
 
 
 class JudgeNetwork(nn.Module):
-    """The network from darkness [N, 1, 128, 128] in 0..1 (white is 0) to answers [N, 3 + CODE].
+    """The network that takes the darkness of images and gives answers.
 
-    See `judge` for the answers.
+    The darkness is float32 [N, 1, 128, 128] in 0..1, where white is 0. The answers [N, 3 + CODE]
+    are explained at `judge`.
     """
 
     def __init__(self) -> None:
         super().__init__()
         self.body = nn.Sequential(
-            _layer(1, 24, 5, 2),  # side 64
-            _layer(24, 48, 3, 2),  # 32
-            _layer(48, 96, 3, 2),  # 16
+            _layer(1, 24, 5, 2),  # the output has 64 x 64 places
+            _layer(24, 48, 3, 2),  # 32 x 32
+            _layer(48, 96, 3, 2),  # 16 x 16
             _Residual(96),
-            _layer(96, 160, 3, 2),  # 8
+            _layer(96, 160, 3, 2),  # 8 x 8
             _Residual(160),
-            _layer(160, 256, 3, 2),  # 4
+            _layer(160, 256, 3, 2),  # 4 x 4
             _layer(256, 96, 1, 1),
-            # Where something is shows the view as much as what it is: no average over places.
+            # No average over the places: the view can be told from where in the image something is
+            # as well as from what it is.
             nn.Flatten(),
             nn.Linear(96 * 4 * 4, FEATURES),
             nn.ReLU(),
         )
         self.view = nn.Linear(FEATURES, 3)
         self.code = nn.Linear(FEATURES, CODE)
-        # A tenth faster on CPUs, in training and after.
+        # This layout is a tenth faster on CPUs, in training and in inference.
         self.to(memory_format=torch.channels_last)  # type: ignore[call-overload]
 
     def forward(self, darkness: Tensor) -> Tensor:
@@ -59,11 +61,13 @@ class JudgeNetwork(nn.Module):
         return self.answers(self.body(darkness))
 
     def answers(self, features: Tensor) -> Tensor:
-        """Return answers [N, 3 + CODE] from `body`'s output [N, FEATURES]; codes have length 1."""
+        """Return answers [N, 3 + CODE], whose codes have length 1, from the output of `body`."""
         return torch.cat([self.view(features), functional.normalize(self.code(features))], dim=1)
 
 
 class _Residual(nn.Module):
+    """Two convolutions whose output is added to their input."""
+
     def __init__(self, channels: int) -> None:
         super().__init__()
         self.change = nn.Sequential(
@@ -77,6 +81,7 @@ class _Residual(nn.Module):
 
 
 def _layer(channels: int, width: int, kernel: int, stride: int) -> nn.Sequential:
+    """Return a convolution from `channels` to `width` channels, with batch norm and ReLU."""
     return nn.Sequential(
         nn.Conv2d(channels, width, kernel, stride, padding=kernel // 2, bias=False),
         nn.BatchNorm2d(width),
@@ -91,8 +96,9 @@ def load_judge_network(path: Path) -> JudgeNetwork:
     """
     network = JudgeNetwork()
     try:
-        network.load_state_dict(read_safetensors(path)[0])  # kernels are kept in half precision
-    except Exception as error:  # safetensors and torch raise types of their own
+        state, _ = read_safetensors(path)  # kernels, which the file has in half precision, too
+        network.load_state_dict(state)
+    except Exception as error:  # any, because safetensors and torch raise types of their own
         reason = " ".join(str(error).split())
         raise BadInput(
             f"{path}: not the weights of the judge network ({reason}); install pc2pix-bench again"
@@ -103,12 +109,15 @@ def load_judge_network(path: Path) -> JudgeNetwork:
 def judge(network: JudgeNetwork, images: NDArray[np.uint8]) -> NDArray[np.float32]:
     """Return the judge's answers to images uint8 [N, 128, 128, 3]: float32 [N, 3 + CODE].
 
-    Columns 0 and 1 are sine and cosine of the azimuth, column 2 the elevation over 40 degrees, the
-    rest a shape code of length 1; the closer two codes (Euclidean), the likelier the same object.
-    Sine and cosine are not normalised: where a chair looks alike from several sides they shrink.
-    On the device where the network is, in batches of at most 20 and in full float32
-    (`learning.exact`); an image's answer does not depend on its neighbours.
-    Raises ValueError for images of another size or type.
+    columns 0, 1    sine and cosine of the azimuth; they are not normalised, and shrink where a
+                    chair looks alike from several sides
+    column 2        the elevation, in units of 40 degrees
+    columns from 3  a shape code of length 1; the smaller the Euclidean distance of two codes, the
+                    likelier they are of the same object
+
+    The network runs on its device, in batches of at most 20 images and in full float32
+    (`learning.exact`). An image's answer does not depend on the other images of its batch. Raises
+    ValueError for images of another size or type.
     """
     if images.dtype != np.uint8 or images.shape[1:] != (IMAGE_SIZE, IMAGE_SIZE, 3):
         shape = f"{images.dtype} {list(images.shape)}"
@@ -123,10 +132,10 @@ def judge(network: JudgeNetwork, images: NDArray[np.uint8]) -> NDArray[np.float3
 
 
 def greyscale(images: NDArray[np.uint8]) -> NDArray[np.uint8]:
-    """Return luma (Rec. 601) of sRGB images uint8 [..., 3]: uint8 [...], rounded half up.
+    """Return the luma (Rec. 601) of sRGB images uint8 [..., 3] as uint8 [...], rounded half up.
 
-    In whole numbers, so that grey is exactly itself. Raises ValueError for another type or number
-    of channels.
+    It is computed in whole numbers, so that grey pixels keep their value exactly. Raises ValueError
+    for another type or number of channels.
     """
     if images.dtype != np.uint8 or images.shape[-1:] != (3,):
         shape = f"{images.dtype} {list(images.shape)}"
@@ -136,8 +145,8 @@ def greyscale(images: NDArray[np.uint8]) -> NDArray[np.uint8]:
 
 
 def darkness(grey: Tensor) -> Tensor:
-    """Return the network's input, float32 [N, 1, 128, 128], of luma uint8 [N, 128, 128].
+    """Return the network's input, float32 [N, 1, 128, 128], from luma uint8 [N, 128, 128].
 
-    The white background is zero, as is the padding of the convolutions.
+    White becomes 0, so that the padding of the convolutions, which is 0, continues the background.
     """
     return 1.0 - grey[:, None].to(torch.float32) / 255.0

@@ -1,4 +1,4 @@
-"""Fréchet distance of two feature sets, exact for any number of samples and never complex.
+"""The Fréchet distance of two feature sets, exact for any number of samples and never complex.
 
     |m1 - m2|^2 + tr S1 + tr S2 - 2 tr sqrt(S1 S2)
 
@@ -6,14 +6,14 @@ is the squared 2-Wasserstein distance of the Gaussians with the moments of the t
 Landau 1982; Heusel et al. 2017, https://arxiv.org/abs/1706.08500, which call it FID when the
 features are those of `bench.metrics.inception`). S is the unbiased covariance (ddof 1).
 
-The usual route takes the matrix square root of S1 S2. With fewer samples than features that
-product is singular, and the square root of a zero eigenvalue that rounding has made 1e-13 is 3e-7:
-over 2,048 features the distance comes out too small by 4e-4, negative for identical sets, and
-complex or infinite with some versions of SciPy. Here the covariances are never formed. With A and B
-the centred features over sqrt(n - 1), S1 = A'A and S2 = B'B, and the trace of the root is the sum
-of the singular values of A B'. Their rounding is 1e-16 of the largest one, where that of a square
-root of eigenvalues is 1e-8 of it. Where there are more samples than features, A stands for the
-triangular factor of its QR decomposition.
+The usual computation takes the matrix square root of S1 S2. With fewer samples than features that
+product is singular. Rounding makes 1e-13 of its zero eigenvalues, whose square root is 3e-7, so
+that over 2,048 features the distance comes out too small by 4e-4. It is then negative for identical
+sets, and complex or infinite with some versions of SciPy. Here the covariances are never formed.
+Let A and B be the centred features divided by sqrt(n - 1). Then S1 = A'A and S2 = B'B, and the
+trace of the root is the sum of the singular values of A B'. Their rounding error is 1e-16 of the
+largest one; the error of square roots of eigenvalues is 1e-8 of it. Where there are more samples
+than features, the triangular factor of A's QR decomposition takes the place of A.
 
 Of more than EXACT_OBJECTS objects the jackknife leaves out groups of them, and features come in
 parts (`GroupedMoments`): of a group only sums are kept, and what is left without it is a
@@ -32,9 +32,9 @@ from numpy.typing import NDArray
 
 from data_prep.arrays import Floats
 
-EXACT_OBJECTS = 60  # that the jackknife leaves out one after the other
-GROUPS = 30  # at most, that it leaves out of more objects
-_GROUP_SEED = 0
+EXACT_OBJECTS = 60  # up to so many objects, the jackknife leaves out each by itself
+GROUPS = 30  # the most groups that more objects are divided into, which are left out instead
+_GROUP_SEED = 0  # decides which objects make a group
 _EPSILON = float(np.finfo(np.float64).eps)  # relative distance of neighbouring numbers
 
 
@@ -56,7 +56,7 @@ class Moments(NamedTuple):
 
 
 class Centred(NamedTuple):
-    """The moments of one feature set, in the form that loses nothing.
+    """The moments of one feature set, in the form in which the distance is computed.
 
     mean    float64 [d]
     factor  float64 [min(n, d), d]; factor.T @ factor is the covariance (ddof 1)
@@ -69,9 +69,10 @@ class Centred(NamedTuple):
 def frechet_distance(x: NDArray[Any], y: NDArray[Any]) -> float:
     """Return the Fréchet distance of two sets of features; lower is better, symmetric.
 
-    Everything is computed in float64, and the order of the rows does not matter. Exact also where n
-    or m <= d (rank deficient); but small sets lie apart even if drawn from one distribution (3,390
-    for 2 x 100 standard normal vectors of 2,048 features), so compare values only at equal n and m.
+    Everything is computed in float64, and the order of the rows does not matter. The distance is
+    exact even where n or m <= d and a covariance is singular. But small sets are far from each
+    other even when they come from one distribution: two sets of 100 standard normal vectors of
+    2,048 features have a distance of 3,390. So compare distances only at equal n and m.
 
     Parameters
     ----------
@@ -97,7 +98,7 @@ def frechet_distance(x: NDArray[Any], y: NDArray[Any]) -> float:
 
 
 def centred(features: NDArray[Any]) -> Centred:
-    """Return the moments of one set [n, d], to be kept where one set is compared with many.
+    """Return the moments of one set [n, d], which can be kept where it is compared with many.
 
     Raises as `frechet_distance` does.
     """
@@ -105,9 +106,9 @@ def centred(features: NDArray[Any]) -> Centred:
 
 
 def centred_to_frechet(a: Centred, b: Centred) -> float:
-    """Return the distance of two sets from their moments; >= 0.
+    """Return the distance of two sets, computed from their moments; it is >= 0.
 
-    Raises ValueError where d differs.
+    Raises ValueError where the numbers of features differ.
     """
     if a.mean.shape != b.mean.shape:
         raise ValueError(f"sets of {a.mean.size} and {b.mean.size} features cannot be compared")
@@ -115,20 +116,21 @@ def centred_to_frechet(a: Centred, b: Centred) -> float:
     roots = np.linalg.svd(a.factor @ b.factor.T, compute_uv=False)
     distance = shift @ shift + np.vdot(a.factor, a.factor) + np.vdot(b.factor, b.factor)
     distance -= 2.0 * roots.sum()
-    return max(float(distance), 0.0)  # the rounding of two equal traces may fall below 0
+    return max(float(distance), 0.0)  # rounding may make it negative where the sets are equal
 
 
 class JackknifeMoments:
     """A feature set whose blocks of objects can be left out, one at a time.
 
-    Keeps the features as they come, float32 say.
+    The features are kept in the type that they have, as float32, and are converted to float64 some
+    rows at a time.
 
     groups  [n], the object that each row shows
     whole   the moments of all rows
     """
 
     def __init__(self, features: NDArray[Any], groups: NDArray[Any]) -> None:
-        """Take features [n, d] and their groups [n].
+        """Take the features [n, d], and the object [n] that each row shows.
 
         Raises as `frechet_distance`, and ValueError for groups that are not [n].
         """
@@ -141,13 +143,13 @@ class JackknifeMoments:
 
     @property
     def has_rows(self) -> bool:
-        """Return whether the factor of the whole set is its rows, not that of a decomposition."""
+        """Return whether the factor of the whole set is its centred rows, and no triangle."""
         return len(self.whole.factor) == len(self._features)
 
     def without_blocks(self, member: NDArray[np.intp], count: int) -> Iterator[Centred]:
         """Return the moments without each block's rows, in the order of blocks 0 .. count - 1.
 
-        member  [n], the block of each row; a block may have none here
+        member  [n], the block of each row; a block may have no row here
 
         Raises TooFewSamples: fewer than two rows left.
         """
@@ -225,10 +227,10 @@ class GroupedMoments:
 
 
 def grouped_distances(a: GroupedMoments, b: GroupedMoments) -> tuple[float, Floats]:
-    """Return the distance of two sets, and the distances [g] without each of their groups.
+    """Return the distance of two sets, and the distances [g] when each group is left out.
 
-    These are all NaN where a group leaves fewer than two rows of a set. Raises TooFewSamples where
-    a set has fewer.
+    The second are all NaN where a set without one of the groups has fewer than two rows. Raises
+    TooFewSamples where a whole set has fewer than two rows.
     """
     value = centred_to_frechet(a.whole(), b.whole())
     try:
@@ -268,13 +270,14 @@ def _cholesky(scatter: Floats, rounding: float) -> Floats:
 
 
 def object_blocks(objects: NDArray[Any]) -> tuple[NDArray[Any], NDArray[np.intp]]:
-    """Return the objects' names, sorted, and the block of each, which is left out as one.
+    """Return the names of the objects, sorted, and for each the block that it is left out with.
 
-    Of up to `EXACT_OBJECTS` objects each is a block. More are dealt to ceil(G / k) groups of k =
-    ceil(G / GROUPS) objects, or k - 1, in the order of a digest of their names: whatever the
-    results and whatever the names say. Leaving out groups estimates the same variance (Miller 1974,
-    "the grouped jackknife"), with a relative error of the standard error of about 1 / sqrt(2 g), 13
-    to 15 % here, for which Student's quantile allows; the cost stays bounded.
+    Up to `EXACT_OBJECTS` objects are a block each. More objects, G of them, are divided into
+    ceil(G / k) blocks of k = ceil(G / GROUPS) objects, or k - 1, in the order of a checksum of
+    their names, which depends on neither the results nor the alphabet. To leave out blocks
+    estimates the same variance (Miller 1974, "the grouped jackknife") at a bounded cost. The
+    standard error that comes of g blocks has a relative error of about 1 / sqrt(2 g), which is 13
+    to 15 % here; intervals allow for it by Student's quantile.
     """
     names = np.unique(objects)
     if len(names) <= EXACT_OBJECTS:
@@ -288,18 +291,19 @@ def object_blocks(objects: NDArray[Any]) -> tuple[NDArray[Any], NDArray[np.intp]
 
 
 def _digest(name: Any) -> int:
-    """Return a number of 8 bytes that depends on a name and on the seed of the groups."""
+    """Return a whole number of 8 bytes that depends on a name and on the seed of the groups."""
     text = f"{_GROUP_SEED} {name}".encode()
     return int.from_bytes(blake2b(text, digest_size=8).digest(), "big")
 
 
 def left_out_distances(a: JackknifeMoments, b: JackknifeMoments) -> Floats:
-    """Return the distances [g] without each block of the objects of both sets, in order.
+    """Return the distances [g] of two sets when each block of objects is left out of both.
 
-    Blocks are those of `object_blocks`: single objects up to `EXACT_OBJECTS`. All NaN where a block
-    leaves fewer than two rows of a set. Intervals are made from them by
-    `bench.analysis.sets.Distance`. With fewer rows than features the products of rows
-    are shared: g times the singular values of [n, m].
+    The blocks are those of `object_blocks` for the objects of both sets, in their order. All
+    distances are NaN where a set without one of the blocks has fewer than two rows. Where both sets
+    have fewer rows than features, the products of all rows are computed once, and for each block
+    only the singular values of at most [n, m] numbers. `bench.analysis.sets.Distance` makes
+    intervals of the distances.
     """
     names, block = object_blocks(np.concatenate([np.unique(a.groups), np.unique(b.groups)]))
     count = int(block.max()) + 1
@@ -316,11 +320,12 @@ def left_out_distances(a: JackknifeMoments, b: JackknifeMoments) -> Floats:
 def _leave_out_rows(
     a: Centred, b: Centred, in_a: NDArray[np.intp], in_b: NDArray[np.intp], count: int
 ) -> Floats:
-    """Return the distances [g] without each block, where the factors are the centred rows.
+    """Return the distances [g] when each block is left out, where the factors are centred rows.
 
-    Rows that are left are centred by taking off their mean, and so are their products: of A B' as a
-    whole, rows and columns are left out and the means of the others taken off. The rounding is that
-    of the distance of the whole sets, 1e-16 of their traces.
+    The rows that are left have another mean, so that they are centred again by subtracting it. The
+    same can be done with their products: the rows and columns of A B' that are left out are
+    dropped, and the means of the others subtracted. The rounding error is that of the distance of
+    the whole sets, 1e-16 of their traces.
     """
     products = a.factor @ b.factor.T
     kept_a, kept_b = (np.arange(count)[:, None] != member for member in (in_a, in_b))
@@ -337,7 +342,12 @@ def _leave_out_rows(
 
 
 def _moments_without(whole: Centred, kept: NDArray[np.bool_]) -> tuple[Floats, Floats]:
-    """Return the mean [g, d] and trace of the covariance [g] of the rows kept [g, n]."""
+    """Return the means [g, d], and the traces of the covariances [g], when rows are left out.
+
+    kept  [g, n], which rows are kept
+
+    Raises TooFewSamples where fewer than two rows are kept.
+    """
     n_kept = kept.sum(axis=1)
     if n_kept.min() < 2:
         raise TooFewSamples(f"{n_kept.min()} rows are left")
@@ -350,12 +360,15 @@ def _moments_without(whole: Centred, kept: NDArray[np.bool_]) -> tuple[Floats, F
 
 
 def _growth(kept: NDArray[np.bool_]) -> float:
-    """Return sqrt((n - 1) / (n' - 1)), which rescales a factor to the rows that are kept."""
+    """Return sqrt((n - 1) / (n' - 1)), which rescales a factor to the n' rows that are kept."""
     return float(np.sqrt((len(kept) - 1) / (kept.sum() - 1)))
 
 
 def checked_set(features: NDArray[Any]) -> NDArray[Any]:
-    """Return the features after checks; they have at least two rows."""
+    """Return features [n, d] after checks.
+
+    Raises TooFewSamples for fewer than two rows, and ValueError as `frechet_distance`.
+    """
     features = _checked_features(features)
     if len(features) < 2:
         shape = f"{features.dtype} {list(features.shape)}"
@@ -364,7 +377,10 @@ def checked_set(features: NDArray[Any]) -> NDArray[Any]:
 
 
 def _checked_features(features: NDArray[Any]) -> NDArray[Any]:
-    """Return the features after checks, in a type that float64 can hold."""
+    """Return features [n, d] after checks, in a type whose values float64 can hold.
+
+    Raises ValueError as `frechet_distance`.
+    """
     features = np.asarray(features)
     shape = f"{features.dtype} {list(features.shape)}"
     if features.dtype.kind not in "fiu":
@@ -372,7 +388,8 @@ def _checked_features(features: NDArray[Any]) -> NDArray[Any]:
     if features.ndim != 2 or features.shape[1] == 0:
         raise ValueError(f"features must be [n, d], got {shape}")
     if features.dtype.itemsize > 8:
-        with np.errstate(over="ignore"):  # what only longdouble can hold is named below
+        # A value that only longdouble can hold becomes infinite, and is refused below.
+        with np.errstate(over="ignore"):
             features = features.astype(np.float64)
     n_bad = features.size - np.count_nonzero(np.isfinite(features))
     if n_bad:
@@ -384,7 +401,10 @@ def _checked_features(features: NDArray[Any]) -> NDArray[Any]:
 
 
 def _centred(features: NDArray[Any]) -> Centred:
-    """Return the centred moments; the rows are the factor unless they outnumber the features."""
+    """Return the moments of a set [n, d].
+
+    The factor is the centred rows, or a d x d triangle where there are more rows than features.
+    """
     n, d = features.shape
     rows = features.astype(np.float64)
     mean = rows.mean(axis=0)

@@ -1,4 +1,4 @@
-"""Scores of images against the true ones: those of every run, and those that are asked for."""
+"""Scores of images against the true ones: those of every run, and those that users ask for."""
 
 from __future__ import annotations
 
@@ -15,13 +15,15 @@ from bench.metrics.silhouette import Pairs, overlap
 from bench.metrics.structural_similarity import ssim_per_image_and_mask
 from bench.metrics.thin_parts import thin_scores
 
+# Takes true and drawn images, uint8 [V, H, W, 3] each, and returns a score of each drawn one [V].
 _Score = Callable[[NDArray[np.uint8], NDArray[np.uint8]], NDArray[np.float64]]
 
 
 def _dists(
     truth: NDArray[np.uint8], images: NDArray[np.uint8], device: str = "cpu"
 ) -> NDArray[np.float64]:
-    from bench.metrics.dists import dists  # imports torch
+    # Imported here, because torch takes seconds.
+    from bench.metrics.dists import dists
     from learning.training_loop import prepare_device
 
     return dists(truth, images, single=True, device=str(prepare_device(device)))
@@ -37,7 +39,8 @@ def _st_lpips(
     return lpips(truth, images, "shift-tolerant", single=True, device=device)
 
 
-# Metrics that no suite has: `bench run --metrics` and `bench score` take them of kept images.
+# The metrics that no suite has. `bench run --metrics` and `bench score` take them of the images in
+# the store of a run.
 FURTHER_SCORES: Mapping[str, _Score] = {
     "flip": flip,
     "dists": _dists,
@@ -48,20 +51,25 @@ FURTHER_SCORES: Mapping[str, _Score] = {
 
 
 def further_score(metric: str, device: str) -> _Score:
-    """Return one of FURTHER_SCORES, its network on a device: "auto", "cpu" or "cuda"."""
-    score = FURTHER_SCORES[metric]
-    on_device = (partial(f, device=device) for f in (_dists, _st_lpips) if f is score)
-    return next(on_device, score)
+    """Return the function for one of FURTHER_SCORES.
+
+    device  where its network runs, if it has one: "auto", "cpu" or "cuda"
+    """
+    if metric == "dists":
+        return partial(_dists, device=device)
+    if metric == "st-lpips":
+        return partial(_st_lpips, device=device)
+    return FURTHER_SCORES[metric]
 
 
 def scores(truth: NDArray[np.uint8], images: NDArray[np.uint8]) -> dict[str, NDArray[np.float64]]:
-    """Return scores [V] of images uint8 [V, H, W, 3], by the names that columns of records have.
+    """Return scores [V] of images uint8 [V, H, W, 3], by the names of the columns in records.
 
-    NaN where an image has no such score.
-    `ssim_object` is the mean of the SSIM map over the windows that contain a pixel of the true
-    silhouette or of the drawn one. One map gives it and the four before it, and one pair of
-    silhouettes it and those after it. Raises ValueError where an array is not uint8 or not
-    [V, H, W, 3], where the shapes differ, and where there is nothing to compare.
+    A score is NaN where an image has none. `ssim_object` is the mean of the SSIM map over the
+    windows that contain a pixel of the true silhouette or of the drawn one. The map is computed
+    once for all scores of SSIM, and the silhouettes once for all scores that need them. Raises
+    ValueError where an array is not uint8 or not [V, H, W, 3], where the shapes differ, and where
+    there is nothing to compare.
     """
     pairs = Pairs(truth, images)
     drawn = pairs.drawn(pairs.shown)

@@ -2,14 +2,15 @@
 
 It is the "pool_3" feature extractor of TTUR (bioinf-jku/TTUR, `inception-2015-12-05.tgz`), with the
 state dict of torch-fidelity 0.4 (toshas/torch-fidelity, `weights-inception-2015-12-05`). Szegedy et
-al. 2015, https://arxiv.org/abs/1512.00567, but with the differences that the trained graph has from
-the later, published Inception v3 and that move every FID:
+al. 2015, https://arxiv.org/abs/1512.00567, describe the network. The trained graph differs from
+Inception v3 as it was published later, and each of the first three differences moves every FID:
 
-* images are resized to 299 x 299 by the bilinear rule of TensorFlow 1 (pixel i of the output reads
-  position i * in / out: no half-pixel centres, no antialiasing), then (x - 128) / 128;
-* average pooling leaves the padding out of the count;
-* the last block pools by maximum;
-* the classifier has 1,008 outputs. FID does not read them.
+* Images are resized to 299 x 299 by the bilinear rule of TensorFlow 1, then become (x - 128) / 128.
+  By this rule pixel i of the output is read at position i * in / out, without half-pixel centres
+  and without antialiasing.
+* Average pooling does not count the padding.
+* The last block pools by maximum.
+* The classifier has 1,008 outputs, which FID does not use.
 
 Only distances of features from this network with these weights are called FID.
 """
@@ -30,53 +31,73 @@ from torch import Tensor, nn
 from bench.metrics.inception_weights import WEIGHTS_SHA256, read_weights
 from learning.exact import exact_inference
 
-FEATURES = 2048
-_INPUT_SIZE = 299
+FEATURES = 2048  # the number of features of an image
+_INPUT_SIZE = 299  # the side, in pixels, of the images that the network sees
 
 
 class _Conv(NamedTuple):
-    """A convolution without bias, batch norm (eps 1e-3), ReLU; its name is in the state dict."""
+    """A convolution without bias, followed by batch norm (eps 1e-3) and ReLU."""
 
-    name: str
-    out: int
-    kernel: tuple[int, int]
+    name: str  # the name in the state dict
+    out: int  # the number of output channels
+    kernel: tuple[int, int]  # height and width
     stride: int
-    padded: bool  # 'same'
+    padded: bool  # whether the input is padded, so that with stride 1 its size stays the same
 
 
 class _Branch(NamedTuple):
-    """A pool (or none), a chain of convolutions, and a fork whose prongs are concatenated."""
+    """A branch of a block: a pooling, then convolutions one after the other, then some in parallel.
 
-    pool: str  # "" or one of `_pool`
-    chain: tuple[_Conv, ...]
-    fork: tuple[_Conv, ...]
+    Each of these parts may be missing.
+    """
+
+    pool: str  # "" for none, or a kind of pooling that `_pool` knows
+    chain: tuple[_Conv, ...]  # the convolutions one after the other
+    fork: tuple[_Conv, ...]  # the convolutions in parallel, whose outputs are concatenated
 
 
 class _Mixed(NamedTuple):
-    """The branches side by side, concatenated in this order."""
+    """A block of branches in parallel, whose outputs are concatenated in this order."""
 
     name: str
     branches: tuple[_Branch, ...]
 
 
 def _conv(text: str) -> _Conv:
-    """Return the convolution of "name channels height x width", with "half" or "valid" behind."""
+    """Return the convolution that a text describes, as in "Conv2d_1a_3x3 32 3x3 half".
+
+    These are the name, the number of output channels, and height and width of the kernel. The last
+    word is "half" for stride 2 without padding, "valid" for stride 1 without padding; where it is
+    missing, the stride is 1 and the input is padded.
+    """
     name, out, kernel, *kind = text.split()
     height, width = map(int, kernel.split("x"))
-    return _Conv(name, int(out), (height, width), 2 if kind == ["half"] else 1, not kind)
+    return _Conv(
+        name=name,
+        out=int(out),
+        kernel=(height, width),
+        stride=2 if kind == ["half"] else 1,
+        padded=not kind,
+    )
 
 
 def _mixed(name: str, table: str) -> _Mixed:
-    """Return the block of a table: a branch a line, "pool: conv, conv / prong, prong"."""
+    """Return the block that a table describes.
+
+    Each line is a branch, as in "average: conv, conv / conv, conv": the kind of pooling, the
+    convolutions one after the other, and those in parallel. Each part may be missing.
+    """
     branches = []
     for line in table.strip().splitlines():
-        pool, _, units = line.strip().rpartition(":")
-        chain, fork = (
-            tuple(_conv(unit) for unit in part.split(",") if unit.strip())
-            for part in units.partition("/")[::2]
-        )
-        branches.append(_Branch(pool, chain, fork))
+        pool, _, convolutions = line.strip().rpartition(":")
+        chain, _, fork = convolutions.partition("/")
+        branches.append(_Branch(pool, _convs(chain), _convs(fork)))
     return _Mixed(name, tuple(branches))
+
+
+def _convs(text: str) -> tuple[_Conv, ...]:
+    """Return the convolutions that a text describes, with commas between them; "" for none."""
+    return tuple(_conv(part) for part in text.split(",") if part.strip())
 
 
 def _mixed_35(name: str, pooled: int) -> _Mixed:
@@ -108,9 +129,10 @@ def _mixed_8(name: str, pool: str) -> _Mixed:
     return _mixed(name, table.format(pool))
 
 
-_REDUCE = "reduce"
+_REDUCE = "reduce"  # the pooling that halves the side
 
-# Sizes in comments: of the output, for the input of 299 x 299.
+# The stages of the network. The numbers in comments are the side of a stage's output, and the
+# number of its channels.
 _NETWORK: tuple[_Conv | _Mixed | str, ...] = (
     _conv("Conv2d_1a_3x3 32 3x3 half"),  # 149
     _conv("Conv2d_2a_3x3 32 3x3 valid"),  # 147
@@ -147,6 +169,7 @@ _NETWORK: tuple[_Conv | _Mixed | str, ...] = (
 
 
 def _pool(x: Tensor, kind: str) -> Tensor:
+    """Return the pooled x; x itself for the kind ""."""
     if kind == "average":
         return F.avg_pool2d(x, 3, stride=1, padding=1, count_include_pad=False)
     if kind == "max":
@@ -157,6 +180,8 @@ def _pool(x: Tensor, kind: str) -> Tensor:
 
 
 class _ConvUnit(nn.Module):
+    """The layers of a `_Conv` on an input of some channels."""
+
     def __init__(self, spec: _Conv, channels: int) -> None:
         super().__init__()
         height, width = spec.kernel
@@ -169,10 +194,12 @@ class _ConvUnit(nn.Module):
 
 
 class _MixedBlock(nn.Module):
+    """The layers of a `_Mixed` on an input of some channels."""
+
     def __init__(self, spec: _Mixed, channels: int) -> None:
         super().__init__()
         self._branches = spec.branches
-        self.channels = 0  # of the output
+        self.channels = 0  # the number of output channels
         for branch in spec.branches:
             width = channels
             for unit in branch.chain:
@@ -183,9 +210,13 @@ class _MixedBlock(nn.Module):
             self.channels += sum(unit.out for unit in branch.fork) or width
 
     def forward(self, x: Tensor) -> Tensor:
-        return torch.cat([part for branch in self._branches for part in self._run(branch, x)], 1)
+        outputs: list[Tensor] = []
+        for branch in self._branches:
+            outputs += self._run(branch, x)
+        return torch.cat(outputs, 1)
 
     def _run(self, branch: _Branch, x: Tensor) -> Iterator[Tensor]:
+        """Yield the outputs of a branch: one, or one of each parallel convolution."""
         x = _pool(x, branch.pool)
         for unit in branch.chain:
             x = self.get_submodule(unit.name)(x)
@@ -196,12 +227,12 @@ class _MixedBlock(nn.Module):
 
 
 class FidInception(nn.Module):
-    """The Inception network of FID, uint8 [N, 3, H, W] to features [N, 2048].
+    """The Inception network of FID, which takes images uint8 [N, 3, H, W], of any size and number.
 
-    The state dict has the 566 keys of the published file, the unused classifier included. The
-    network is frozen: always in evaluation mode, without gradients. A fresh one has random weights;
-    `load_inception` gives the trained one. Features have the dtype of the weights (float32 as
-    built). N may be 0. Any size of image is resized to 299 x 299.
+    It gives features [N, 2048] of the dtype of its weights, which is float32 unless it is changed.
+    The state dict has the 566 keys of the published file, with those of the classifier, which is
+    not used. The network is always in evaluation mode and has no gradients. `load_inception`
+    returns the trained network; a new instance has random weights.
 
     Raises
     ------
@@ -225,12 +256,12 @@ class FidInception(nn.Module):
         self.eval()
 
     def train(self, mode: bool = True) -> FidInception:
-        """Stay in evaluation mode: batch statistics would give other features."""
+        """Stay in evaluation mode, since batch statistics would change the features."""
         super().train(False)
         return self
 
     def forward(self, images: Tensor) -> Tensor:
-        """Return the features [N, 2048] of images, see the class."""
+        """Return the features [N, 2048] of images uint8 [N, 3, H, W]. Raises as the class says."""
         if images.dtype != torch.uint8 or images.ndim != 4 or images.shape[1] != 3:
             raise ValueError(
                 f"images must be uint8 [N, 3, H, W], got {images.dtype} {list(images.shape)}"
@@ -245,8 +276,8 @@ class FidInception(nn.Module):
 
 
 def _stretch(x: Tensor, size: int, dim: int) -> Tensor:
-    """Resize one dimension to `size`, linear as in TensorFlow 1."""
-    # TensorFlow computes positions in float32; in float64 they would differ by up to 1e-5 pixels.
+    """Return x with one dimension resized to `size`, linearly as in TensorFlow 1."""
+    # Positions are float32 as in TensorFlow; in float64 they would differ by up to 1e-5 pixels.
     length = x.shape[dim]
     step = float(np.float32(length / size))
     position = torch.arange(size, dtype=torch.float32, device=x.device) * step
@@ -262,10 +293,12 @@ def _stretch(x: Tensor, size: int, dim: int) -> Tensor:
 def inception_features(
     model: FidInception, images: NDArray[np.uint8], batch: int = 20
 ) -> NDArray[np.float32]:
-    """Return features [N, 2048] of images uint8 [N, H, W, 3], on the device where the model is.
+    """Return the features [N, 2048] of images uint8 [N, H, W, 3], computed on the model's device.
 
-    The same `batch` belongs to both sides of a comparison: another one may choose other
-    convolution kernels, which moves features by float32 rounding (1e-6 of the largest).
+    batch  how many images the network sees at a time; take the same number for all images that are
+           compared, since for another one PyTorch may choose other convolution kernels, which moves
+           features by float32 rounding (1e-6 of the largest)
+
     Raises ValueError where the images are not uint8 [N, H, W, 3].
     """
     if images.dtype != np.uint8 or images.ndim != 4 or images.shape[3] != 3:
@@ -282,15 +315,17 @@ def inception_features(
 
 
 def load_inception(path: Path, sha256: str = WEIGHTS_SHA256) -> FidInception:
-    """Return the network with the published weights from `path`.
+    """Return the network with the published weights, ready for inference.
 
-    `inception_weights.find_weights` gives the path.
+    path    the file of the weights, as `inception_weights.find_weights` returns it
+    sha256  the checksum that the file has to have
 
-    The sha256 of the very bytes that are loaded is checked first, and no pickled code is run.
-    Raises BadInput where the file cannot be read or is not the published one.
+    The checksum is that of the same bytes that are loaded, and no pickled code is run. Raises
+    BadInput where the file cannot be read or is not the published one.
     """
     model = FidInception()
     data = io.BytesIO(read_weights(path, sha256))
     model.load_state_dict(torch.load(data, map_location="cpu", weights_only=True))
-    # 1.4 times as fast on a CPU as the default layout; features differ by rounding (5e-7).
+    # On a CPU this layout is 1.4 times as fast as the default one. Features differ by rounding
+    # (5e-7).
     return model.to(memory_format=torch.channels_last)  # pyright: ignore[reportCallIssue]

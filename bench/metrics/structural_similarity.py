@@ -1,27 +1,30 @@
-"""Structural similarity and its three components, after the protocol of the original.
+"""Structural similarity (SSIM) and its three components, by the protocol of the original.
 
 Protocol (roatienza/pc2pix@23b7b46d:evaluation/msssim.py; Wang et al., "Image quality assessment:
 from error visibility to structural similarity", IEEE TIP 13(4), 2004):
 
-* window: 11 x 11 Gaussian, sigma 1.5, normalised; only whole windows count ('valid', 118 x 118 of
-  128 x 128). Where a side is shorter than 11 the window shrinks to size = min(height, width) and
-  sigma to size * 1.5 / 11; an even window is centred between pixels.
-* uint8 images, range 255, K1 = 0.01, K2 = 0.03, C3 = C2 / 2, population (biased) moments, negative
-  variances taken as 0; every channel by itself.
+* The window is an 11 x 11 Gaussian with sigma 1.5, normalised. Only whole windows count ('valid',
+  118 x 118 of 128 x 128). Where a side of the image is shorter than 11 pixels, the window shrinks
+  to size = min(height, width) and sigma to size * 1.5 / 11; an even window is centred between
+  pixels.
+* Images are uint8 with range 255; K1 = 0.01, K2 = 0.03, C3 = C2 / 2. Moments are those of the
+  population (biased), negative variances are taken as 0, and every channel is scored by itself.
 * `luminance`, `contrast`, `structure` and `ssim` are each the plain mean over images, windows and
   channels. `ssim` is the mean of the product, not the product of the means.
 
-Precision. E[x^2] - E[x]^2 in float64 errs by up to 1e-11 on the scale 0..255. That is nothing to
-`ssim`, but `structure` divides by sqrt(v1 * v2) + C3: against a busy window (v2 about 1e4), a flat
-window whose variance comes out as 1e-11 instead of 0 moves it by 1e-5. The least variance of a
-window that is not flat is that of one corner pixel one level off: w (1 - w) with w the smallest
-weight, 1e-6, five orders above the rounding. So what lies below half of that *is* flat, and its
-variance and covariance are exactly 0. Moreover the
-pixels are taken from the one in the middle (moments about any point give the same variance).
+Precision. E[x^2] - E[x]^2 in float64 has an error of up to 1e-11 for pixels of 0..255. To `ssim`
+that is nothing. But `structure` divides by sqrt(v1 * v2) + C3, where v1 and v2 are the variances of
+the two windows: if a flat window has the variance 1e-11 instead of 0 and the other one is busy (v2
+about 1e4), the quotient moves by 1e-5. The least variance of a window that is not flat is that of
+one corner pixel that is one level off: w (1 - w) with the smallest weight w, which is 1e-6 and so
+five orders above the error. A window with less than half of this variance *is* flat, and its
+variance and covariance are set to exactly 0. To keep the error small, the values of the pixels are
+also taken relative to the one in the middle, which does not change the variance.
 
-Speed. Windows in which both images agree score exactly 1, so a pair is cut to the box in which it
-differs, and a window's reach around it. The separable blur of the box is two products with banded
-matrices. An image's value does not depend on its company, bit for bit.
+Speed. Windows in which both images are equal score exactly 1. So a pair is cut to the box in which
+it differs, with a margin of one window around it. The box is blurred along columns and along rows
+by a product with a banded matrix each. The score of an image does not depend on the other images,
+bit for bit.
 """
 
 from __future__ import annotations
@@ -34,15 +37,18 @@ from threadpoolctl import threadpool_limits
 
 from data_prep.arrays import Floats
 
-WINDOW = 11
-_SIGMA = 1.5
+WINDOW = 11  # the side of the window, in pixels
+_SIGMA = 1.5  # the standard deviation of its Gaussian weights, in pixels
+# The constants of the protocol that keep quotients finite in dark and in flat windows.
 C1 = (0.01 * 255) ** 2
 C2 = (0.03 * 255) ** 2
 C3 = C2 / 2
 
 
 class Ssim(NamedTuple):
-    """The means over all images, windows and channels, at most 1; 1 for identical images.
+    """The four scores, which are at most 1, and 1 for identical images.
+
+    Each is a mean over all images, windows and channels.
 
     ssim       > -1; the mean of luminance * contrast * structure
     luminance  > 0
@@ -57,7 +63,7 @@ class Ssim(NamedTuple):
 
 
 class _SsimPerImage(NamedTuple):
-    """The fields of `Ssim`, float64 [N] each: means over the windows and channels of one image."""
+    """The four scores of each image, float64 [N]: means over its windows and channels."""
 
     ssim: Floats
     luminance: Floats
@@ -93,7 +99,10 @@ def ssim(a: NDArray[np.uint8], b: NDArray[np.uint8]) -> Ssim:
 
 
 def ssim_per_image(a: NDArray[np.uint8], b: NDArray[np.uint8]) -> _SsimPerImage:
-    """Return `ssim` of every pair of images, which does not depend on the others."""
+    """Return the four scores of every pair of images, which do not depend on the other pairs.
+
+    Raises as `ssim`.
+    """
     require_images(a, b)
     return _score(a, b, None)[0]
 
@@ -101,12 +110,13 @@ def ssim_per_image(a: NDArray[np.uint8], b: NDArray[np.uint8]) -> _SsimPerImage:
 def ssim_per_image_and_mask(
     a: NDArray[np.uint8], b: NDArray[np.uint8], masks: NDArray[np.bool_]
 ) -> tuple[_SsimPerImage, Floats]:
-    """Return `ssim_per_image`, and the mean `ssim` [N] of the windows over a mask, from one map.
+    """Return the four scores of every pair, and its mean `ssim` over the windows on a mask, [N].
 
-    masks  bool [N, H, W], one per pair, in pixels
+    masks  bool [N, H, W], the mask of each pair
 
-    A window counts if it contains a pixel of the mask. NaN where the mask is empty. Raises as
-    `ssim`, and ValueError where the masks are not bool or not [N, H, W] of the images.
+    A window is on the mask if it contains a pixel of it. The mean is NaN where the mask is empty.
+    Raises as `ssim`, and ValueError where the masks are not bool or have another shape than the
+    images.
     """
     require_images(a, b)
     if masks.dtype != np.bool_ or masks.shape != a.shape[:3]:
@@ -117,20 +127,21 @@ def ssim_per_image_and_mask(
     return _score(a, b, masks)
 
 
-# Products that threads share have other last digits.
+# By one thread, because products that threads share have other last digits.
 @threadpool_limits.wrap(limits=1, user_api="blas")
 def _score(
     a: NDArray[np.uint8], b: NDArray[np.uint8], masks: NDArray[np.bool_] | None
 ) -> tuple[_SsimPerImage, Floats]:
+    """Return the four scores of every pair, and the mean `ssim` [N] over masks, NaN without."""
     n, height, width, channels = a.shape
     size = min(height, width, WINDOW)
     weights = _window_weights(size)
     n_windows = (height - size + 1) * (width - size + 1)
-    means = np.ones((n, 4))
+    means = np.ones((n, 4))  # the scores of equal images
     over_masks = np.full(n, np.nan)
     over = None if masks is None else _windows_over(masks, size)
     for i in range(n):
-        counted = 0 if over is None else np.count_nonzero(over[i])
+        counted = 0 if over is None else np.count_nonzero(over[i])  # windows on the mask
         if counted:
             over_masks[i] = 1.0
         box = _box_of_differences(a[i], b[i], size)
@@ -139,7 +150,8 @@ def _score(
         components = _components(a[i][box], b[i][box], weights)  # [4, channel, row, column]
         rows, columns = components.shape[2:]
         sums = components.sum(axis=(1, 2, 3)) / channels
-        means[i] = (sums + (n_windows - rows * columns)) / n_windows
+        outside = n_windows - rows * columns  # windows outside the box, each of which scores 1
+        means[i] = (sums + outside) / n_windows
         if over is not None and counted:
             top, left = (side.start for side in box)
             chosen = over[i, top : top + rows, left : left + columns]
@@ -150,9 +162,11 @@ def _score(
 def _box_of_differences(
     a: NDArray[np.uint8], b: NDArray[np.uint8], size: int
 ) -> tuple[slice, slice] | None:
-    """Return rows and columns of the pixels of all windows in which two images differ.
+    """Return the box, as rows and columns, that all windows lie in where two images differ.
 
-    None where they are equal.
+    size  the side of a window
+
+    Returns None where the images are equal.
     """
     differs = (a != b).any(axis=-1)
     if not differs.any():
@@ -161,7 +175,7 @@ def _box_of_differences(
     for axis, length in enumerate(differs.shape):
         lines = np.flatnonzero(differs.any(axis=1 - axis))
         first, last = int(lines[0]), int(lines[-1])
-        # A window that has the first such pixel at its end begins size - 1 before it.
+        # A window whose last line is the first line that differs begins size - 1 lines before it.
         start = max(0, min(first - (size - 1), length - size))
         sides.append(slice(start, min(length, max(last + size, size))))
     return sides[0], sides[1]
@@ -170,7 +184,7 @@ def _box_of_differences(
 def _components(a: NDArray[np.uint8], b: NDArray[np.uint8], weights: Floats) -> Floats:
     """Return ssim, luminance, contrast and structure of all windows, [4, C, rows, columns].
 
-    a, b  parts of two images, [H, W, C], of whole windows
+    a, b  the same part of two images, [H, W, C]
     """
     height, width = a.shape[:2]
     middle = height // 2, width // 2
@@ -200,12 +214,14 @@ def _components(a: NDArray[np.uint8], b: NDArray[np.uint8], weights: Floats) -> 
 
 
 def _windows_over(masks: NDArray[np.bool_], size: int) -> NDArray[np.bool_]:
-    """Return the windows of side `size` that contain a pixel of masks [N, H, W].
+    """Return which windows contain a pixel of masks [N, H, W].
 
-    They are indexed by their corner.
+    size  the side of a window
+
+    A window has the index of its corner with the lowest row and column.
     """
-    for _ in range(2):  # along rows, then along columns
-        reach = 1  # pixels that an entry stands for
+    for _ in range(2):  # once along rows, and once along columns
+        reach = 1  # an entry is true if one of so many pixels from it on is in the mask
         while reach < size:
             step = min(reach, size - reach)
             masks = masks[:, step:] | masks[:, :-step]
@@ -215,12 +231,15 @@ def _windows_over(masks: NDArray[np.bool_], size: int) -> NDArray[np.bool_]:
 
 
 def are_two_images(a: NDArray[np.uint8], b: NDArray[np.uint8]) -> bool:
-    """Return whether both are [H, W, C]; three axes that end in a width are a stack in grey."""
+    """Return whether both arrays are single images [H, W, C], and no stacks.
+
+    An array of three axes whose last is longer than 4 is taken for a stack of grey images.
+    """
     return a.ndim == b.ndim == 3 and a.shape[-1] <= 4
 
 
 def require_images(a: NDArray[np.uint8], b: NDArray[np.uint8]) -> None:
-    """Raise ValueError unless both are uint8 [N, H, W, C] of the same shape, with something in."""
+    """Raise ValueError unless both arrays are uint8 [N, H, W, C] of one shape and not empty."""
     shapes = f"{a.dtype} {list(a.shape)} and {b.dtype} {list(b.shape)}"
     if a.dtype != np.uint8 or b.dtype != np.uint8:
         raise ValueError(f"images must be uint8 (range 0..255), got {shapes}")
@@ -233,7 +252,10 @@ def require_images(a: NDArray[np.uint8], b: NDArray[np.uint8]) -> None:
 
 
 def _window_weights(size: int) -> Floats:
-    """Return the 1-d factor of the Gaussian window, sum 1, smallest value first and last."""
+    """Return the one-dimensional factor of the Gaussian window, [size].
+
+    Its sum is 1, and its first and last value are the smallest.
+    """
     sigma = size * _SIGMA / WINDOW
     x = np.arange(size) - (size - 1) / 2
     weights = np.exp(-(x**2) / (2 * sigma**2))
@@ -241,7 +263,11 @@ def _window_weights(size: int) -> Floats:
 
 
 def _band_matrix(weights: Floats, length: int) -> Floats:
-    """Return the matrix [length, length + size - 1] that blurs a column of pixels."""
+    """Return the matrix [length, length + size - 1] that blurs a column of pixels.
+
+    weights  [size], the factor of the window
+    length   the number of windows in the column
+    """
     matrix = np.zeros((length, length + len(weights) - 1))
     for i in range(length):
         matrix[i, i : i + len(weights)] = weights
