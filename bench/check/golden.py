@@ -19,6 +19,7 @@ import pandas as pd
 from bench.analysis.run import Run, read_run
 from bench.catalogue.methods import role
 from bench.catalogue.suites import STABILITY
+from bench.check.golden_values import golden, golden_name, golden_path
 from bench.check.objects import (
     GoldenComparison,
     GoldenDeviation,
@@ -37,7 +38,6 @@ from bench.running.options import Options
 from bench.suites.stability.outcomes import read_outcomes, unexpected
 from bench.tables.build import class_orderings, condition_sweep, tables
 from bench.tables.grid import row_mappings
-from bench.tables.paper import golden, golden_name, golden_path
 from bench.tables.table import TABLES, Table, table_files
 from data_prep.failures import BadInput
 from data_prep.files.atomic_write import write_whole

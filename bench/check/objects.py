@@ -34,12 +34,12 @@ from numpy.typing import NDArray
 
 from bench.analysis.run import Run, in_order
 from bench.catalogue.methods import known_method
+from bench.check.golden_values import golden_name, golden_path
 from bench.check.thumbnails import SIDE, read_png, thumbnail, to_png
 from bench.check.tolerances import OBJECT_RENDERING, PRINTED, mean_tolerance, object_tolerance
 from bench.records.frames import Artifact, stored_artifacts
 from bench.records.job import JobName
 from bench.running.environment import environment_of, is_same, told_mixture
-from bench.tables.paper import golden_name, golden_path
 from data_prep.datasets.protocol_version import refuse_other_version
 from data_prep.failures import BadInput
 from data_prep.files.atomic_write import write_whole

@@ -260,13 +260,13 @@ def _write_deviations(directory: Path, moved: Sequence[GoldenDeviation], ours: b
     the true image stands in their place. Where no object moved, an older sheet is removed.
     Raises CannotWrite.
     """
+    from bench.check.golden_values import golden_name
     from bench.check.objects import golden_thumbnails, stored_images
     from bench.check.objects import number as rounded
     from bench.check.thumbnails import SIDE
     from bench.draw.files import write_images
     from bench.draw.finish import Tile, draw_sheet
     from bench.records.frames import stored_artifacts
-    from bench.tables.paper import golden_name
 
     path = _moved_path(directory)
     worst: dict[object, GoldenDeviation] = {}

@@ -13,11 +13,9 @@ from bench.analysis.compare import NAN
 from bench.analysis.intervals import FEWEST
 from bench.analysis.paper import AVERAGE, NETWORK, SURFACE, VERDICTS, Published
 from bench.catalogue.suites import TableSpec
-from bench.records.folder import COLOURED, PROTOCOL, TRUTH
 from bench.tables import markdown
 from bench.tables.grid import Annotation, Block, Cell, Grid, grid, metric_cell, number_cell, pivot
 from bench.tables.table import Table
-from data_prep.datasets.protocol_version import refuse_other_version
 from data_prep.failures import BadInput
 
 RESULTS = Path(__file__).resolve().parents[2] / "results"
@@ -45,31 +43,6 @@ def published_rows(suite: str) -> pd.DataFrame:
 
 def _published_path(suite: str) -> Path:
     return RESULTS / "paper" / f"{suite}.csv"
-
-
-def golden_name(manifest: Mapping[str, Any]) -> str:
-    """Return the name of the golden values of a run: its suite, and "-grey" for truth in grey."""
-    truth = manifest.get(TRUTH, COLOURED)
-    return str(manifest["suite"]) + (f"-{truth}" if truth != COLOURED else "")
-
-
-def golden_path(name: str) -> Path:
-    """Return the path of golden values."""
-    return RESULTS / "golden" / f"{name}.csv"
-
-
-def golden(name: str) -> pd.DataFrame:
-    """Return golden values. Raises BadInput without any, and for those of another protocol."""
-    path = golden_path(name)
-    if not path.is_file():
-        raise BadInput(
-            f"{path}: no golden values for '{name}'; 'bench check DIR --again 0.05' compares a run "
-            "with itself"
-        )
-    values = pd.read_csv(path, dtype={"condition": str}, keep_default_na=False)
-    version = int(values[PROTOCOL].iloc[0]) if PROTOCOL in values else None
-    refuse_other_version(path, version, "write it with 'bench check DIR --bless results/golden'")
-    return values
 
 
 def seed_spreads() -> dict[tuple[str, str, str], float]:

@@ -12,11 +12,11 @@ from bench.catalogue.lookup import find
 from bench.catalogue.methods import FLOORS
 from bench.catalogue.suites import SUITES, with_truth
 from bench.check.golden import check, golden_lines
+from bench.check.golden_values import golden, golden_name
 from bench.check.tolerances import JUDGED, OF_CLASSES, RECONSTRUCTION, RENDERING, tolerance
 from bench.records.folder import read_manifest, write_manifest
 from bench.tables.build import tables, write_outputs
 from bench.tables.grid import row_mappings
-from bench.tables.paper import golden, golden_name
 
 from ..builders import SUITE, overwrite, write_run, write_run_with_tables
 

@@ -17,6 +17,7 @@ from bench.analysis.run import read_run
 from bench.catalogue.metrics import IMAGE_METRICS, column
 from bench.catalogue.suites import SUITES, with_truth
 from bench.check.golden import bless, check
+from bench.check.golden_values import golden, golden_name
 from bench.check.objects import Widths, golden_thumbnails, read_objects
 from bench.check.thumbnails import ACROSS, SIDE, read_png, thumbnail, to_png
 from bench.check.tolerances import PRINTED, object_tolerance
@@ -25,7 +26,6 @@ from bench.records.folder import open_store, read_manifest, write_manifest
 from bench.records.frames import read_jobs, stored_artifacts
 from bench.running.environment import environment_of, is_same, told_mixture
 from bench.tables.build import write_outputs
-from bench.tables.paper import golden, golden_name
 from data_prep.datasets.protocol_version import PROTOCOL_VERSION
 from data_prep.failures import BadInput
 
