@@ -1,4 +1,8 @@
-"""The steps of all suites with a procedure of their own: request, folder, files, result."""
+"""What all suites with a procedure of their own share: checks of options, folder, files, result.
+
+Such a suite (stability, speed, latent) does not draw all methods under all conditions, as other
+suites do, but measures something else in its own way.
+"""
 
 from __future__ import annotations
 
@@ -26,14 +30,15 @@ if TYPE_CHECKING:
 
 @dataclass(frozen=True)
 class SuiteRun:
-    """A run of a suite."""
+    """The result of a run of such a suite."""
 
-    # Those without a layout are for scripts alone, and left out of a finished run.
+    # The tables of the run. Those without a layout are for scripts alone: they are written, but
+    # `run_suite` does not return them.
     tables: tuple[Table, ...]
-    figures: Mapping[str, Figure] = field(default_factory=dict)  # by name
-    summary: str = ""  # the last line that `bench run` prints, to which the time is added
-    printed: Sequence[str] = ()  # what it prints before; empty: the tables
-    directory: Path = Path()  # once it is finished
+    figures: Mapping[str, Figure] = field(default_factory=dict)  # by the names of their files
+    summary: str = ""  # the last line that `bench run` prints; `run_suite` adds the time to it
+    printed: Sequence[str] = ()  # what `bench run` prints before; where it is empty, the tables
+    directory: Path = Path()  # the folder of the run, set by `run_suite`
 
 
 def suite_manifest(
@@ -43,9 +48,12 @@ def suite_manifest(
     environment: Mapping[str, str],
     **entries: object,
 ) -> dict[str, Any]:
-    """Return the manifest of a run; `entries` are those beside what all runs have.
+    """Return the manifest of a run.
 
-    options  with the methods, and all that the suite chooses: a repetition has no defaults
+    options      with the values that the suite has chosen for options that were not given, so that
+                 the manifest says all that repeats the run
+    environment  the driver and the libraries that images depend on
+    entries      further entries that only this suite has
     """
     methods = options.methods or ()
     entries = {"objectives": objectives(map(find_method, methods))} | entries
@@ -67,6 +75,8 @@ def run_suite(
 ) -> SuiteRun:
     """Carry out a procedure in the folder of a run, and write its tables and figures.
 
+    procedure  takes the store of the folder, and measures
+
     Raises BadInput where the folder holds another run.
     """
     start, directory = time.perf_counter(), options.directory
@@ -79,23 +89,27 @@ def run_suite(
         write_tables(directory, done.tables)
         for name, figure in done.figures.items():
             save(figure, directory / FIGURES / f"{name}.png")
-        for old in (directory / FIGURES).glob("*.png"):  # perhaps of a run with other methods
+        # A run before, with other methods perhaps, may have left figures that this one has not.
+        for old in (directory / FIGURES).glob("*.png"):
             if old.stem not in done.figures:
                 old.unlink()
-    people = tuple(table for table in done.tables if table.layout)
+    readable = tuple(table for table in done.tables if table.layout)
     return replace(
         done,
-        tables=people,
+        tables=readable,
         summary=f"{done.summary}{time.perf_counter() - start:.0f} s",
-        printed=done.printed or [table.to_markdown() for table in people],
+        printed=done.printed or [table.to_markdown() for table in readable],
         directory=directory,
     )
 
 
 def methods_of(options: Options, suite: Procedure, **meaningless: str) -> tuple[str, ...]:
-    """Return the methods of a run, each once, in the order of the request or else of the suite.
+    """Return the methods of a run, each once, in the order in which they are asked for.
 
-    meaningless  options that this suite does not take, and why
+    Without `--methods` they are those of the suite, in its order.
+
+    meaningless  the options that this suite does not take, beside those that no such suite takes,
+                 each with the reason
 
     Raises BadInput for a meaningless option, for counts out of their range, for a missing GPU and
     for unknown methods.

@@ -1,7 +1,8 @@
-"""The worker of the suite `speed`, which times one method in a process that does nothing else.
+"""The measurement of one method by the suite `speed`, in a process that does nothing else.
 
-It times loading (imports and weights), the first cloud and the first image in the fresh process;
-then, after a round that does not count, rounds over all clouds, prepare and draw apart.
+In the fresh process it times the method's loading (imports and weights), its first cloud and its
+first image. A round over all clouds follows that does not count, and then rounds that do, in which
+the preparation of each cloud and the drawing of its views are timed separately.
 """
 
 from __future__ import annotations
@@ -35,42 +36,46 @@ from data_prep.scene import PointCloud, Renderer, View
 _Returned = TypeVar("_Returned")
 
 
-LIMITS = Limits(time_s=600.0, memory_gib=8.0)
+LIMITS = Limits(time_s=600.0, memory_gib=8.0)  # the limits of one measurement
 
 
 @dataclass(frozen=True)
 class SpeedSuite(Procedure):
-    """The cost of images, which `bench.suites.speed.run` measures.
+    """The suite that measures what an image costs, see `bench.suites.speed.run`.
 
     Each method is timed in a process of its own for each number of threads.
     """
 
-    # All others are compared with these; the first is the paper's.
+    # The methods with whose times all others are compared; the first is the paper's.
     baselines: tuple[str, ...] = ("surface-apss", "surface-fit")
     conditions: tuple[str, ...] = ("2048",)
     class_name: str = "chair"
-    # As many as an interval over objects needs. Reconstruction takes seconds a cloud: three rounds
-    # leave the whole run at some minutes. What takes milliseconds goes on for `seconds`, so that
-    # its median is over more than chance, but not beyond `most_rounds`.
+    # The number of clouds, one of each object: as many as an interval over objects needs.
     clouds: int = 8
-    views: int = 20  # of each cloud, drawn in one call
-    singles: int = 5  # views that are also drawn one by one, in each round
-    # Rounds over all clouds that do not count. One: after it libraries have chosen their algorithms
-    # for both sizes of a call, and memory is mapped; later rounds were no faster.
+    views: int = 20  # the number of views of each cloud that are drawn in one call
+    singles: int = 5  # how many of these views are also drawn one by one, in each round
+    # The number of rounds over all clouds that do not count. One is enough: after it libraries have
+    # chosen their algorithms for both sizes of a call, and memory is mapped; later rounds were no
+    # faster.
     warm_ups: int = 1
-    least_rounds: int = 3  # that count
+    # The number of rounds that count. Reconstruction takes seconds for a cloud, and with three
+    # rounds the whole run takes some minutes. Methods that take milliseconds go on until `seconds`
+    # have passed, so that their median is of many samples, but not beyond `most_rounds`.
+    least_rounds: int = 3
     most_rounds: int = 100
-    seconds: float = 3.0  # after which no round begins, once there are `least_rounds`
-    amortised: tuple[int, ...] = (1, 2, 5, 10, 20, 50, 100, 500)  # views of the cost an image
-    quiet_cores: float = 0.25  # more than these busy with something else: a mark beside the times
-    limits: Limits = LIMITS  # of one measurement
+    seconds: float = 3.0
+    # The numbers of views of a cloud for which the cost of an image is computed.
+    amortised: tuple[int, ...] = (1, 2, 5, 10, 20, 50, 100, 500)
+    # How many cores other programs may keep busy in the mean; above that the times get a mark.
+    quiet_cores: float = 0.25
+    limits: Limits = LIMITS
 
 
 SPEED = SpeedSuite(**vars(suites.SPEED))
 
 
-FORM = 1  # of the files; part of their keys
-MOST_BYTES = 64 * MIB
+FORM = 1  # the version of the files' form, which is a part of their keys, too
+MOST_BYTES = 64 * MIB  # the largest file of a measurement that is read
 
 _Stage = Literal["load", "prepare", "draw"]
 
@@ -79,10 +84,10 @@ _Stage = Literal["load", "prepare", "draw"]
 class TimingSample:
     """A timed call."""
 
-    cloud: str  # its object, "chair/test-0000"; empty for "load", which needs none
-    round: int  # 0 for the first call of its kind in its process, cold; from 1 on warm
+    cloud: str  # the object of the cloud, as in "chair/test-0000"; "" for "load", without a cloud
+    round: int  # 0 for the first call of its kind in the process (cold), from 1 on for later ones
     stage: _Stage
-    views: int  # drawn in the call; 0 for other stages
+    views: int  # the number of views drawn in the call; 0 for other stages
     wall_s: float  # seconds by the clock
     core_s: float  # seconds of processor time of the whole process, all threads together
 
@@ -97,27 +102,27 @@ class CloudFailure:
 
 @dataclass(frozen=True)
 class Measurement:
-    """A method with a number of threads under a condition, in a process of its own.
+    """The times of a method under a condition with a number of threads, from one process.
 
-    The last three are None where the process died.
+    The last three entries are None where the process died.
     """
 
-    key: str  # names everything that the times depend on
+    key: str  # a checksum of everything that the times depend on
     method: str
     condition: str
     threads: int
-    views: int  # the larger of the two batches
-    clouds: int  # those in `failures` were not drawn, or not to the end
+    views: int  # how many views are drawn in one call, beside the calls that draw one
+    clouds: int  # the number of clouds, with those in `failures`
     device: str  # "cpu", or the name of the GPU that was used
     samples: tuple[TimingSample, ...]
-    failures: tuple[CloudFailure, ...]
-    idle_mib: float | None = None  # peak resident memory before the method was loaded
-    peak_mib: float | None = None  # peak resident memory at the end
-    elsewhere_cores: float | None = None  # mean number that other processes kept busy meanwhile
+    failures: tuple[CloudFailure, ...]  # the clouds that were not drawn in all rounds
+    idle_mib: float | None = None  # the peak resident memory before the method was loaded
+    peak_mib: float | None = None  # the peak resident memory at the end
+    elsewhere_cores: float | None = None  # how many cores other processes kept busy, in the mean
 
 
 def measurement_path(directory: Path, key: str) -> Path:
-    """Return the path of a key's measurement."""
+    """Return the path of the file for the measurement with this key."""
     return directory / "measurements" / f"{key}.json"
 
 
@@ -128,7 +133,7 @@ def write_measurement(directory: Path, measurement: Measurement) -> None:
 
 
 def read_measurement(directory: Path, key: str) -> Measurement | None:
-    """Return the measurement of a key; None where no usable one exists."""
+    """Return the stored measurement with this key; None where there is none that can be used."""
     path = measurement_path(directory, key)
     if not path.is_file():
         return None
@@ -147,14 +152,14 @@ def read_measurement(directory: Path, key: str) -> Measurement | None:
 class Unit:
     """A measurement to be taken, as a plain value that crosses process boundaries."""
 
-    key: str  # names everything that the times depend on
+    key: str  # a checksum of everything that the times depend on
     suite: SpeedSuite
     method: str
     condition: str
     perturbation: Perturbation
     objects: tuple[SceneObject, ...]
     threads: int
-    views: int  # of each cloud, drawn in one call and some of them one by one
+    views: int  # the number of views of each cloud, drawn in one call and some also one by one
     seed: int
     device: str
 
@@ -163,23 +168,27 @@ class Unit:
 class Subject:
     """A cloud with the views to draw of it."""
 
-    id: str
+    id: str  # the object of the cloud, as in "chair/test-0000"
     cloud: PointCloud
     views: tuple[View, ...]
-    rng: Callable[[], np.random.Generator]  # a new one each time: each round has the same work
+    # Returns a new source of the same random numbers, so that each round has the same work.
+    rng: Callable[[], np.random.Generator]
 
 
 @dataclass(frozen=True)
 class Clock:
     """The sources of times, in seconds."""
 
-    wall: Callable[[], float]  # by the clock
-    core: Callable[[], float]  # processor time of this process, all threads
-    finish: Callable[[], None]  # returns when the device has done all its work
+    wall: Callable[[], float]  # returns the time by the clock
+    core: Callable[[], float]  # returns the processor time of this process, all threads together
+    finish: Callable[[], None]  # waits until the device has done all its work
 
 
 def finish_gpu(modules: Mapping[str, Any] = sys.modules) -> None:
-    """Wait for a GPU that this process uses: calls return before their work is done."""
+    """Wait until a GPU that this process uses has done its work.
+
+    Without that a call returns before its work is done, and its time would be too short.
+    """
     torch = modules.get("torch")
     if torch is not None and torch.cuda.is_initialized():
         torch.cuda.synchronize()
@@ -190,7 +199,7 @@ _CLOCK = Clock(time.perf_counter, time.process_time, finish_gpu)
 
 def peak_mib() -> float | None:
     """Return the peak resident memory of this process in MiB; None without Linux's /proc."""
-    # Not `ru_maxrss`, which starts with the memory of the parent process.
+    # Read from /proc, because `ru_maxrss` of `resource` includes the parent process's memory.
     try:
         lines = Path("/proc/self/status").read_text(encoding="utf-8").splitlines()
     except OSError:
@@ -200,9 +209,10 @@ def peak_mib() -> float | None:
 
 
 def measure(unit: Unit, peak_mib: Callable[[], float | None] = peak_mib) -> Measurement:
-    """Take a measurement; exceptions of the method become failures with the reason.
+    """Take a measurement in this process.
 
-    Raises BadInput for weights that cannot be used, MissingDependency where a library is missing.
+    Exceptions that the method raises become failures with the reason. Raises BadInput for weights
+    that cannot be used, and MissingDependency where a library is missing.
     """
     busy, cpu_start, start = _busy_s(), time.process_time(), time.perf_counter()
     subjects, unusable = subjects_of(unit)
@@ -226,10 +236,14 @@ def measure(unit: Unit, peak_mib: Callable[[], float | None] = peak_mib) -> Meas
 
 
 def lost(unit: Unit, reason: str) -> Measurement:
-    """Return the measurement of a process that died: no cloud has a time, each failed."""
+    """Return the measurement for a process that died: there are no times, and each cloud failed."""
     names = (f"{obj.class_name}/{obj.object_id}" for obj in unit.objects)
     return Measurement(
-        *(unit.key, unit.method, unit.condition, unit.threads, unit.views),
+        key=unit.key,
+        method=unit.method,
+        condition=unit.condition,
+        threads=unit.threads,
+        views=unit.views,
         clouds=len(unit.objects),
         device=unit.device,
         samples=(),
@@ -238,7 +252,10 @@ def lost(unit: Unit, reason: str) -> Measurement:
 
 
 def subjects_of(unit: Unit) -> tuple[list[Subject], list[CloudFailure]]:
-    """Return the clouds of a unit, as other suites draw them, and those that failed to load."""
+    """Return the clouds to be timed, and a failure for each cloud that cannot be made.
+
+    They are the clouds that other suites draw of these objects with the same seed.
+    """
     subjects, failures = [], []
     for obj in unit.objects:
         names = (obj.class_name, obj.object_id)
@@ -262,10 +279,11 @@ def take_samples(
     suite: SpeedSuite,
     clock: Clock,
 ) -> tuple[list[TimingSample], list[CloudFailure]]:
-    """Return times of loading, of the first image, and of `suite`'s rounds; and failures.
+    """Time a method, and return the times and the failures.
 
-    A cloud that fails once is left out from then on; its times until then are kept. Where the
-    method cannot be loaded, all clouds have failed.
+    Timed are the loading of the method, its first cloud with the first view, and the rounds of the
+    suite. A cloud that fails once is left out of later rounds; its times until then are kept. Where
+    the method cannot be loaded, all clouds have failed.
     """
     samples: list[TimingSample] = []
     failures: list[CloudFailure] = []
@@ -274,6 +292,7 @@ def take_samples(
     def timed(
         call: Callable[[], _Returned], cloud: str, number: int, stage: _Stage, views: int = 0
     ) -> _Returned:
+        """Return what the call returns, and add its times to the samples."""
         clock.finish()
         core, wall = clock.core(), clock.wall()
         value = call()
@@ -283,6 +302,7 @@ def take_samples(
         return value
 
     def prepare_and_draw(subject: Subject, number: int, calls: Sequence[Sequence[View]]) -> None:
+        """Time the preparation of a cloud, and then the drawing of the views of each call."""
         rng = subject.rng()
         cloud = subject.cloud if method.sees_mesh else PointCloud(subject.cloud.points)
         state = timed(partial(renderer.prepare, cloud, rng), subject.id, number, "prepare")
@@ -292,6 +312,7 @@ def take_samples(
 
     @contextmanager
     def left_out_if_failed(subject: Subject) -> Iterator[None]:
+        """Leave a cloud out of all further rounds where the block raises an exception."""
         try:
             yield
         except MissingDependency:
@@ -312,7 +333,7 @@ def take_samples(
     for _ in range(suite.warm_ups):
         for subject in tuple(left):
             with left_out_if_failed(subject):
-                # Blank images would be fast: the check raises for them.
+                # `draw` refuses blank images, whose times would be too good.
                 draw(method, renderer, subject.cloud, subject.views, subject.rng())
     start, number = clock.wall(), 0
     while left and number < suite.most_rounds:
@@ -321,20 +342,24 @@ def take_samples(
         number += 1
         for subject in tuple(left):
             with left_out_if_failed(subject):
-                views = subject.views
-                calls = [*([view] for view in views[: suite.singles])]
-                prepare_and_draw(subject, number, calls + ([views] if len(views) > 1 else []))
+                calls: list[Sequence[View]] = [[view] for view in subject.views[: suite.singles]]
+                if len(subject.views) > 1:
+                    calls.append(subject.views)
+                prepare_and_draw(subject, number, calls)
     return samples, failures
 
 
 def _busy_s() -> float:
-    """Return the seconds that all processes have kept the cores of this process busy."""
+    """Return how many seconds the cores that this process may use have been busy since the start.
+
+    The seconds of all these cores are added up, whichever process has kept them busy.
+    """
     import psutil
 
-    # Not the load average, which for a minute still has the load of the measurement before.
+    # The load average would be simpler, but it includes what was measured in the minute before.
     usable = os.sched_getaffinity(0)
     cores: list[Any] = psutil.cpu_times(percpu=True)
-    # "user" includes the time of guests.
+    # "user" includes "guest", the time of virtual machines, which is not added again.
     kinds = ("user", "nice", "system", "irq", "softirq", "steal")
     return sum(
         getattr(core, kind, 0.0)

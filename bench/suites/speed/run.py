@@ -1,7 +1,8 @@
-"""The suite `speed`: the cost of each method, alone on this machine.
+"""The suite `speed`, which measures what each method costs when it runs alone on this machine.
 
-It takes one measurement after the other, each in a process of its own; an earlier measurement is
-kept as long as versions, code and machine are the same. No other program should run meanwhile.
+It takes one measurement after the other, each in a process of its own. Measurements of an earlier
+run in the folder are kept where versions, code and machine are the same. No other program should
+run meanwhile.
 """
 
 from __future__ import annotations
@@ -45,9 +46,10 @@ from data_prep.progress import log, progress
 
 
 def measure_alone(unit: Unit, run_tasks: Callable[..., Any] = run_tasks) -> Measurement:
-    """Return the measurement of a unit in a fresh process, or of its failure if lost."""
-    # Memory is not filled as in other suites (`bench.running.pool`): reconstruction is the
-    # same twice with it, and encoding a cloud a third slower.
+    """Take a measurement in a fresh process; where the process dies, return one of failures."""
+    # Other suites have glibc fill memory (`bench.running.pool`), so that results repeat. Here it
+    # would falsify the times: it leaves reconstruction as fast, but encoding a cloud takes a third
+    # longer.
     environment = thread_counts(unit.threads)
     ((_, result),) = run_tasks([unit], measure, 1, unit.suite.limits, environment)
     return lost(unit, result.reason) if isinstance(result, WorkerFailure) else result
@@ -56,20 +58,32 @@ def measure_alone(unit: Unit, run_tasks: Callable[..., Any] = run_tasks) -> Meas
 def speed_units(
     suite: SpeedSuite, manifest: Mapping[str, Any], objects: Sequence[SceneObject], code: str
 ) -> list[Unit]:
-    """Return one unit per method, condition and number of threads, in measuring order.
+    """Return the measurements to be taken, in their order.
 
-    manifest  of the run: methods, conditions, threads, views, seed, device, and the environment,
-              versions and machine that times depend on
-    code      digest of all code: whatever a method imports decides how long it takes
+    There is one for each method, condition and number of threads.
+
+    manifest  the manifest of the run, with methods, conditions, threads, views, seed and device,
+              and with the environment, versions and machine, on which times depend
+    code      the checksum of all code, because times depend on all that a method imports
 
     Raises BadInput for an unknown method or condition.
     """
     machine_info = {name: manifest[name] for name in ("environment", "versions", "machine")}
     views, seed, device = (manifest[name] for name in ("views", "seed", "device"))
+    # What all keys name. Of the code it is the checksum and not `Method.version`, which changes
+    # with images: times change where images do not.
     common = [
-        # `Method.version` is raised when images change; times also change where they do not.
-        *(FORM, suite.id, code, machine_info, views, seed),
-        *(suite.singles, suite.warm_ups, suite.least_rounds, suite.most_rounds, suite.seconds),
+        FORM,
+        suite.id,
+        code,
+        machine_info,
+        views,
+        seed,
+        suite.singles,
+        suite.warm_ups,
+        suite.least_rounds,
+        suite.most_rounds,
+        suite.seconds,
         [[obj.class_name, obj.object_id, obj.fingerprint()] for obj in objects],
     ]
     units = []
@@ -105,8 +119,8 @@ def run(
 ) -> SuiteRun:
     """Carry out the suite, or the rest of a run that was stopped.
 
-    environment  describes the drivers that images depend on
-    cores        counts the cores that this process may use
+    environment  returns the driver and the libraries that images depend on
+    cores        returns the number of cores that this process may use
     measure      takes one measurement
 
     Raises BadInput for options that the user has to fix.
@@ -152,7 +166,7 @@ def _carry_out(
     measure: Callable[[Unit], Measurement],
     _: Store,
 ) -> SuiteRun:
-    """Take the measurements that are not kept from before, and return the tables of all."""
+    """Take the measurements that the folder does not have, and return the tables of all of them."""
     kept = {unit.key: read_measurement(directory, unit.key) for unit in units}
     missing = [unit for unit in units if kept[unit.key] is None]
     reused, failures = len(units) - len(missing), 0
@@ -168,14 +182,17 @@ def _carry_out(
     amortised = amortised_rows(measured, suite)
     failed = sum(bool(measurement.failures) for measurement in measured)
     noisy = sum((m.elsewhere_cores or 0) > suite.quiet_cores for m in measured)
+    summary = (
+        f"{len(units) - reused} measurements taken, {reused} from before, {failed} with failures"
+    )
+    if noisy:
+        summary += f", {noisy} while something else ran"
     return SuiteRun(
-        (
+        tables=(
             speed_table(measured, suite, machine, published(suite.id)),
             amortised_table(amortised, suite, measured[0].views),
             samples_table(measured),
         ),
-        {} if amortised.empty else {"amortised": amortised_figure(amortised)},
-        f"{len(units) - reused} measurements taken, {reused} from before, {failed} with failures"
-        + (f", {noisy} while something else ran" if noisy else "")
-        + "; ",
+        figures={} if amortised.empty else {"amortised": amortised_figure(amortised)},
+        summary=f"{summary}; ",
     )

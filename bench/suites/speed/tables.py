@@ -23,16 +23,18 @@ if TYPE_CHECKING:
     from matplotlib.figure import Figure
 
 
-_PAPER_CLASS = "all"  # the paper gives one number for its 13 classes
-Paper = Mapping[tuple[str, str, str, str], float]  # by class, metric, condition and method
-_SETTING = ["condition", "threads"]
-WHERE = ["method", *_SETTING]  # columns that identify a measurement
+_PAPER_CLASS = "all"  # stands for the 13 classes of the paper, which gives one number for all
+# The values that the paper has printed, by class, metric, condition and method.
+Paper = Mapping[tuple[str, str, str, str], float]
+_SETTING = ["condition", "threads"]  # the columns by which measurements stand in one grid
+WHERE = ["method", *_SETTING]  # the columns that identify a measurement
 
 
-MS = 1000.0
-_UNITS = ("ms", "core-ms")  # by the clock, and of processor time
+MS = 1000.0  # milliseconds of a second
+_UNITS = ("ms", "core-ms")  # milliseconds by the clock, and of processor time
 
-Statistics = dict[str, tuple[float, int]]  # by metric: a value, and of how many samples
+# For each metric its value, and the number of samples behind it.
+Statistics = dict[str, tuple[float, int]]
 
 
 def summarise(measurement: Measurement) -> Statistics:
@@ -111,12 +113,11 @@ def _percentile(samples: pd.Series, percent: float = 50.0) -> tuple[float, int]:
 
 
 def samples_table(measurements: Iterable[Measurement]) -> Table:
-    """Return every timed call behind the tables, a row each, for scripts."""
-    rows = [
-        {name: getattr(m, name) for name in WHERE} | vars(sample)
-        for m in measurements
-        for sample in m.samples
-    ]
+    """Return the table of all timed calls behind the other tables, a row for each, for scripts."""
+    rows = []
+    for measurement in measurements:
+        where = {name: getattr(measurement, name) for name in WHERE}
+        rows += [where | vars(sample) for sample in measurement.samples]
     return Table("speed_samples", "", pd.DataFrame(rows), digits=".6g")
 
 
@@ -126,10 +127,11 @@ def speed_rows(
     machine: Mapping[str, Any],
     paper: Paper,
 ) -> pd.DataFrame:
-    """Return a row for each statistic, with its published counterpart on an NVIDIA GTX 1060.
+    """Return a row for each statistic, with the value that the paper has printed for it.
 
-    The paper's stands beside that of an image among V, and the last statistics are how many times
-    cheaper an image is than with the first baseline, where both have a cost.
+    The paper's values are from an NVIDIA GTX 1060, and stand beside the cost of an image when a
+    batch is drawn. Where a method and the first baseline both have a cost, the last statistics tell
+    how many times cheaper an image is than with that baseline.
     """
     by_where = {(m.method, m.condition, m.threads): summarise(m) for m in measurements}
     rows = []
@@ -149,13 +151,17 @@ def speed_rows(
                 {
                     "suite": suite.id,
                     **{name: getattr(m, name) for name in WHERE},
-                    **{"metric": metric, "value": value, "n": n},
+                    "metric": metric,
+                    "value": value,
+                    "n": n,
                     "n_ok": m.clouds - len({failure.cloud for failure in m.failures}),
                     "clouds": m.clouds,
                     "reason": "; ".join(dict.fromkeys(f.reason for f in m.failures)),
                     "paper": paper.get(key, math.nan),
                     "elsewhere_cores": m.elsewhere_cores,
-                    **{"device": m.device, "cpu": machine["cpu"], "cores": machine["cores"]},
+                    "device": m.device,
+                    "cpu": machine["cpu"],
+                    "cores": machine["cores"],
                 }
             )
     return pd.DataFrame(rows)
@@ -167,11 +173,12 @@ def speed_table(
     machine: Mapping[str, Any],
     paper: Paper,
 ) -> Table:
-    """Return all statistics; for people the claim of the paper, then all times.
+    """Return the table of all statistics.
 
-    The times are a pair of grids for each condition and number of threads.
+    Readers see a grid for each condition that compares costs with the claim of the paper, and then
+    all times, in a pair of grids for each condition and number of threads.
 
-    machine  model of the processor (`cpu`), and `cores` that were available
+    machine  the model of the processor (`cpu`), and how many `cores` could be used
     """
     rows, batch = speed_rows(measurements, suite, machine, paper), measurements[0].views
     noisy = {
@@ -228,7 +235,10 @@ def _claim(
     noisy: set[tuple[str, str, int]],
     paper: Paper,
 ) -> Grid:
-    """Return the grid of a condition: methods down, images of a cloud by threads across."""
+    """Return the grid of what an image costs under a condition, beside the paper's values.
+
+    It has a row for each method, and a column for each number of images and of threads.
+    """
     threads = ordered(value.index.get_level_values("threads"))
     across = [(views, count) for views in ordered((1, batch)) for count in threads]
     heads = (
@@ -237,6 +247,7 @@ def _claim(
     )
 
     def image(method: str, views: int, count: int) -> str:
+        """Return the cost of one of `views` images with `count` threads, as the grid shows it."""
         where = method, condition, count
         cost = value.get((*where, f"picture-of-{views}-ms"))
         if cost is None or not math.isfinite(cost):
@@ -254,7 +265,8 @@ def _claim(
         published = Cell("-")
         if ours is not None:
             published = Cell(f"{ours:g}{_times(faster)}", special=ITALIC)
-        lines.append([method, published, *(image(method, *cell) for cell in across)])
+        costs_of_method = [image(method, views, count) for views, count in across]
+        lines.append([method, published, *costs_of_method])
     return grid(["method", "as published", *heads], lines)
 
 
@@ -294,7 +306,10 @@ def _times_of(rows: pd.DataFrame, batch: int, noisy: set[tuple[str, str, int]]) 
 
 
 def amortised_rows(measurements: Sequence[Measurement], suite: SpeedSuite) -> pd.DataFrame:
-    """Return an image's cost against the number of views; none for methods without a cost."""
+    """Return the cost of an image by the number of views of its cloud, a row for each.
+
+    Methods without a cost have no rows.
+    """
     rows = []
     for m in measurements:
         values = summarise(m)
@@ -306,7 +321,10 @@ def amortised_rows(measurements: Sequence[Measurement], suite: SpeedSuite) -> pd
 
 
 def amortised_table(rows: pd.DataFrame, suite: SpeedSuite, batch: int) -> Table:
-    """Return the cost per image by number of views, in calls of up to `batch`."""
+    """Return the table of the cost of an image by the number of views of its cloud.
+
+    batch  the most views that are drawn in one call
+    """
 
     def layout(_: pd.DataFrame) -> Iterator[Block]:
         yield (
@@ -320,12 +338,11 @@ def amortised_table(rows: pd.DataFrame, suite: SpeedSuite, batch: int) -> Table:
             cheapest = wide.loc[rivals].min()
             lines = []
             for method in ordered(chosen["method"]):
-                costs = wide.loc[method]
-                bold = (costs == cheapest) & (method in rivals)
-                cells = zip(costs, bold, strict=True)
-                lines.append(
-                    [method, *(Cell(_number(c), special=BOLD if b else None) for c, b in cells)]
-                )
+                cells = []
+                for views, cost in wide.loc[method].items():
+                    is_cheapest = method in rivals and cost == cheapest[views]
+                    cells.append(Cell(_number(cost), special=BOLD if is_cheapest else None))
+                lines.append([method, *cells])
             yield grid(["method", *map(str, wide.columns)], lines)
 
     title = "What an image costs, by the number of views of a cloud"
@@ -333,11 +350,15 @@ def amortised_table(rows: pd.DataFrame, suite: SpeedSuite, batch: int) -> Table:
 
 
 def amortised_figure(rows: pd.DataFrame) -> Figure:
-    """Return a panel for each condition (down) and number of threads (across), log-log."""
+    """Return the figure of what an image costs by the number of views of its cloud.
+
+    It has a row of panels for each condition and a column for each number of threads; both axes are
+    logarithmic.
+    """
     rows = rows.rename(columns={"views": "x", "wall_ms": "value"})
     shown = [
         SweepPanel(
-            of_cell,
+            of_panel,
             title=f"{condition}, {threads} thread{'s' if threads > 1 else ''}",
             x_label="images of one cloud",
             y_label="milliseconds an image (lower is better)",
@@ -345,13 +366,14 @@ def amortised_figure(rows: pd.DataFrame) -> Figure:
             x_scale="log",
             y_scale="log",
         )
-        for (condition, threads), of_cell in grouped(rows, ["condition", "threads"])
+        for (condition, threads), of_panel in grouped(rows, ["condition", "threads"])
     ]
     styles, columns = method_styles(ordered(rows["method"])), rows["threads"].nunique()
     return sweep_figure(shown, styles, columns=columns, panel_in=3.5, sharex=True, sharey=True)
 
 
 def _mark(where: tuple[str, str, int], noisy: set[tuple[str, str, int]]) -> str:
+    """Return the mark of a time that was taken while something else ran; "" for other times."""
     return " *" if where in noisy else ""
 
 
@@ -360,11 +382,15 @@ def _threads(count: Any) -> str:
 
 
 def _times(faster: float | None) -> str:
+    """Return how many times cheaper an image is, as in " (2.5x)"; "" where that is unknown."""
     return "" if faster is None else f" ({_number(faster)}x)"
 
 
 def _number(value: float) -> str:
-    """Return three digits, more where they stand before the point; a dash for NaN."""
+    """Return a number with three significant digits, or as a whole number from 100 on.
+
+    A dash stands for NaN.
+    """
     if not math.isfinite(value):
         return "-"
     return f"{value:.0f}" if abs(value) >= 100 else f"{value:.3g}"
