@@ -79,7 +79,7 @@ def job_frame(jobs: Sequence[NamedResult]) -> pd.DataFrame:
     for name in TIMES:
         columns[name] = np.array([getattr(result, name) for _, result in jobs], np.float64)
     job_of_view = np.repeat(np.arange(len(jobs)), counts)
-    of_views = dict(zip(OF_VIEWS, _values(jobs).T, strict=True))
+    of_views: dict[str, Floats] = dict(zip(OF_VIEWS, _values(jobs).T, strict=True))
     for name in TIMES:
         of_views[name] = columns[name][job_of_view]
     for name in _SUMMED:
