@@ -1,10 +1,10 @@
 """ModelNet10 and ModelNet40: OFF files, up +Z.
 
     <class>/train/<class>_0001.off, <class>/test/...    as published, and as aligned by hand
-    <class>/<class>_0001.off, with modelnet40_train.txt, modelnet40_test.txt: an id a line
+    <class>/<class>_0001.off, with modelnet40_train.txt, modelnet40_test.txt    an id in each line
 
 The front is taken to be -Y (`orientations.MODELNET` says why). ModelNet10 and the ModelNet40 of
-lmb-freiburg/orion are aligned; in the original ModelNet40 the azimuth is as it came.
+lmb-freiburg/orion are aligned; in the original ModelNet40 objects face any direction.
 """
 
 from __future__ import annotations
@@ -28,21 +28,21 @@ from data_prep.files.safe_read import (
     read_text,
 )
 
-MOST_LIST_BYTES = 4 * MIB  # 12,311 ids are 0.2
+MOST_LIST_BYTES = 4 * MIB  # the largest list; that of all 12,311 ids has 0.2 MiB
 SPLITS: Sequence[Split] = ("train", "test")
 OFF = (".off",)
-CLASSES = {"monitor": "display"}  # as ShapeNet and the suites call it
+CLASSES = {"monitor": "display"}  # classes that ShapeNet and the suites call by another name
 _LIST = re.compile(r"(modelnet[0-9]+)_(train|test)\.txt")
 
 
 def is_modelnet(root: Path) -> bool:
-    """Return whether a folder has classes of ModelNet, or split lists and nothing against them."""
+    """Return whether a folder has classes of ModelNet, or, without any sub-folder, split lists."""
     folders = folders_in(root)
     return any(map(is_class, folders)) or bool(not folders and _list_files(root))
 
 
 def is_class(folder: Path) -> bool:
-    """Return whether a folder has OFF files in train or test, or such as chair_0001.off."""
+    """Return whether a folder has OFF files in train or test, or files such as chair_0001.off."""
     if any(_off_files(folder / split) for split in SPLITS):
         return True
     number = re.compile(re.escape(folder.resolve().name) + "_[0-9]{4}")
@@ -52,8 +52,8 @@ def is_class(folder: Path) -> bool:
 def modelnet_dataset(spec: str, root: Path) -> Dataset:
     """Return the objects of all classes in a folder; their ids are the names of their files.
 
-    Splits are the folders train and test, else the lists; without either all objects are in one.
-    An object that a list names and the disk does not have fails.
+    Splits are the folders train and test, or else those of the lists; without either, all objects
+    are in one split. An object that a list names, but that is not on the disk, fails.
 
     Raises BadInput where there is no OFF file in a class, and for lists that cannot be read.
     """
@@ -88,7 +88,7 @@ def modelnet_dataset(spec: str, root: Path) -> Dataset:
 
 
 def _ids_of(class_name: str, ids: Sequence[str]) -> list[str]:
-    """Return the ids of a class: "night_stand_0001" is a night_stand."""
+    """Return the ids of a class, such as "night_stand_0001" of the class night_stand."""
     return [object_id for object_id in ids if object_id.rpartition("_")[0] == class_name]
 
 
@@ -120,7 +120,7 @@ def _absent(class_name: str, folder: Path, object_id: str) -> MeshFile:
 
 
 def _list_files(root: Path) -> dict[str, dict[Split, Path]]:
-    """Return the split lists by the name of the set and the split."""
+    """Return the files of split lists by name ("modelnet40") and split."""
     lists: dict[str, dict[Split, Path]] = {}
     for path in sorted(root.glob("modelnet*.txt")):
         if (match := _LIST.fullmatch(path.name)) and is_regular_file(path):
@@ -130,7 +130,10 @@ def _list_files(root: Path) -> dict[str, dict[Split, Path]]:
 
 
 def _read_lists(root: Path, irregular: list[str]) -> dict[Split, list[str]]:
-    """Return ids by split, {} without lists; append ids that occur twice to `irregular`."""
+    """Return the ids by split, {} without lists.
+
+    A line is appended to `irregular` for each id that is listed twice.
+    """
     files = _list_files(root)
     if not files:
         return {}
@@ -143,7 +146,7 @@ def _read_lists(root: Path, irregular: list[str]) -> dict[Split, list[str]]:
         try:
             ids = [plain_name(line.strip()) for line in lines if line.strip()]
         except ValueError as error:
-            raise BadInput(f"{path}: {error}; expected an id a line") from None
+            raise BadInput(f"{path}: {error}; expected an id in each line") from None
         lists[split] = []
         for object_id in ids:
             if object_id in seen:

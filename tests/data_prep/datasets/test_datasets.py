@@ -429,7 +429,7 @@ REFUSED = [  # the dataset of a folder {}, its files, a pattern of what is said,
         )
     ),
     *(
-        ("modelnet:{}", ("chair/chair_0001.off", (LISTS, line)), "expected an id a line")
+        ("modelnet:{}", ("chair/chair_0001.off", (LISTS, line)), "expected an id in each line")
         for line in ("../../etc/passwd\n", "chair\x00_1\n")
     ),
     ("modelnet:{}", MODELNET, "no chair in the split 'validation'", "chair", "validation"),
