@@ -36,7 +36,7 @@ REFUSED = {
     "check N --claims": f"{SHOWN}: no claim of the paper can be tested: ",
     "check N/none": f"{SHOWN}/none: no such folder; give a run's folder",
     "report run N --out site": f"{SHOWN}: a copy of the run in run; give one of the two",
-    "add splat N": f"{SHOWN}/manifest.json: has no options of a run; ",
+    "add splat N": f"{SHOWN}/manifest.json: holds no options of a run; ",
     "data inspect N": f"'{SHOWN}': not the name of a folder (",
     "data export --limit 1 --out N": f"{SHOWN}: is there already; give a new folder with --out",
     "run --suite chair-robustness --dry-run --out N": f"{SHOWN}: holds a run of views 2, not 20; ",
