@@ -16,7 +16,7 @@ import torch
 from torch import Tensor, nn
 
 from data_prep.failures import BadInput
-from learning.weights import (
+from learning.tensor_files import (
     read_safetensors,
     sub_state,
     understanding_header,

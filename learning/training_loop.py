@@ -30,8 +30,8 @@ from learning import checkpoint, loss_log
 from learning.configuration import Cadence, TimeLimit
 from learning.divergence import TrainingDiverged
 from learning.processes import Processes, connect, local_rank
+from learning.tensor_files import understanding_header
 from learning.trainer import NetworkTrainer
-from learning.weights import understanding_header
 
 _Built = TypeVar("_Built")
 _RATE_WINDOW_S = 60.0  # seconds over which the speed of a training is measured

@@ -7,16 +7,20 @@ that handle tensors import PyTorch, which takes seconds: command lines need name
 from __future__ import annotations
 
 import json
-from collections.abc import Callable, Generator, Iterable, Mapping
-from contextlib import contextmanager
+from collections.abc import Callable, Iterable, Mapping
 from dataclasses import asdict, dataclass, field
 from pathlib import Path
 from typing import TYPE_CHECKING, Any, TypeVar
 
 from data_prep.failures import BadInput
-from data_prep.files.atomic_write import atomic_write
 from data_prep.files.checksums import MOST_BYTES, file_sha256
 from data_prep.files.safe_read import is_regular_file, open_file
+from learning.tensor_files import (
+    read_safetensors,
+    sub_state,
+    understanding_header,
+    write_atomically,
+)
 
 if TYPE_CHECKING:
     from torch import Tensor, nn
@@ -25,7 +29,6 @@ _NetworkT = TypeVar("_NetworkT", bound="nn.Module")
 
 MOST_HEADER_BYTES = 2**24  # longest header that is read
 _MOST_OBJECTIVE_LENGTH = 100  # characters of the objective in a header, at most
-_MOST_REASON = 120  # characters of a library's error that are put into a message, at most
 _COUNTER = "num_batches_tracked"  # end of the names of BatchNorm's counters, which are not stored
 
 
@@ -97,7 +100,7 @@ class WeightFiles:
         and BatchNorm's counters are left out.
 
         select  is called with the checkpoint's state and configuration; returns the tensors to
-                write, and entries of the header beside "format" and "training"
+                write, and entries of the header beside "format" and "training"; `average_of`, say
         remedy  what the message advises where a weight does not fit into float16
 
         Raises BadInput where the checkpoint is of another kind, and where a weight does not fit
@@ -207,6 +210,13 @@ FILES: dict[str, WeightFiles] = {
 }
 
 
+def average_of(
+    state: dict[str, Tensor], config: dict[str, Any]
+) -> tuple[dict[str, Tensor], dict[str, Any]]:
+    """Return the averaged network of a checkpoint and its configuration, for `export`."""
+    return sub_state(state, "average"), {"network": config["network"]}
+
+
 def check_sha256(path: Path, expected: str, remedy: str) -> str:
     """Return the sha256 of a file; raise BadInput, with the `remedy`, if it is not as expected."""
     actual = file_sha256(path)
@@ -256,38 +266,6 @@ def card_of(path: Path, most_header_bytes: int = MOST_HEADER_BYTES) -> dict[str,
     return card
 
 
-def write_atomically(path: Path, tensors: Mapping[str, Tensor], header: Mapping[str, str]) -> None:
-    """Write a safetensors file, whole or not at all."""
-    from safetensors.torch import save_file
-
-    plain = {key: value.detach().cpu().contiguous() for key, value in tensors.items()}
-    with atomic_write(path) as new:
-        save_file(plain, new, metadata=dict(header))
-
-
-def read_safetensors(path: Path) -> tuple[dict[str, Tensor], dict[str, str]]:
-    """Return the tensors, on the CPU, and the header of a safetensors file.
-
-    Raises BadInput where the file is missing, cut short, of another kind, or larger than
-    `MOST_BYTES`. Nothing in the file is executed, and reading takes no more memory than its size.
-    """
-    from safetensors import safe_open
-
-    if not is_regular_file(path):
-        raise BadInput(f"{path}: no such file; give the path of a safetensors file")
-    with open_file(path, MOST_BYTES):
-        pass
-    try:
-        with safe_open(path, framework="pt") as file:
-            header = dict(file.metadata() or {})
-            return {key: file.get_tensor(key) for key in file.keys()}, header  # noqa: SIM118
-    except Exception as error:  # safetensors and torch raise various ones for types and shapes
-        reason = (str(error).splitlines() or [type(error).__name__])[0][:_MOST_REASON]
-        raise BadInput(
-            f"{path}: not a whole safetensors file ({reason}); fetch or write it again"
-        ) from None
-
-
 def read_weights(
     path: Path, expected: str, remedy: str
 ) -> tuple[dict[str, Tensor], dict[str, str]]:
@@ -315,18 +293,6 @@ def read_weights(
     return tensors, header
 
 
-@contextmanager
-def understanding_header(path: Path, remedy: str) -> Generator[None]:
-    """Raise BadInput, with the `remedy`, where code in the block fails to understand a header.
-
-    Such code raises errors of types, keys and values where an entry is missing or wrong.
-    """
-    try:
-        yield
-    except (AttributeError, KeyError, TypeError, ValueError, RecursionError) as error:
-        raise BadInput(f"{path}: its header cannot be read ({error!r}); {remedy}") from None
-
-
 def _training_header(config: Mapping[str, Any], step: int, apart: Iterable[str]) -> str:
     """Return how weights were trained, as JSON for the header of their file.
 
@@ -352,12 +318,6 @@ def halved(tensors: Mapping[str, Tensor], source: Path, remedy: str) -> dict[str
                 f"{source}: {key} reaches {tensors[key].abs().max():g}, beyond float16; {remedy}"
             )
     return stored
-
-
-def sub_state(state: Mapping[str, Tensor], name: str) -> dict[str, Tensor]:
-    """Return the entries of a state whose keys begin with "NAME.", without this prefix."""
-    prefix = f"{name}."
-    return {key.removeprefix(prefix): v for key, v in state.items() if key.startswith(prefix)}
 
 
 def _without_counters(tensors: Mapping[str, Tensor]) -> dict[str, Tensor]:

@@ -21,6 +21,7 @@ from typing import TYPE_CHECKING, Any
 from data_prep.failures import BadInput
 from data_prep.files.checksums import file_sha256
 from data_prep.files.safe_read import is_regular_file
+from learning.tensor_files import sub_state, understanding_header
 from learning.weights import (
     FILES,
     check_sha256,
@@ -28,8 +29,6 @@ from learning.weights import (
     expected_shapes,
     fill_network,
     read_weights,
-    sub_state,
-    understanding_header,
 )
 
 if TYPE_CHECKING:

@@ -25,7 +25,8 @@ from data_prep.randomness import generator
 from data_prep.rendering.raycast import MAPS, MOST_NEARNESS
 from data_prep.scene import IMAGE_SIZE, PointCloud, View
 from learning.clouds import degrade
-from learning.weights import FILES, read_safetensors, write_atomically
+from learning.tensor_files import read_safetensors, write_atomically
+from learning.weights import FILES
 
 FORMAT = "fused-net-maps-2"  # of the files of maps, in their headers
 FOLDER = "maps"  # where they are, below the output directory of the training

@@ -13,7 +13,8 @@ from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
 from data_prep.failures import BadInput
-from learning.weights import FILES, NetworkWeights, sub_state
+from learning.tensor_files import sub_state
+from learning.weights import FILES, NetworkWeights
 
 if TYPE_CHECKING:
     from torch import Tensor

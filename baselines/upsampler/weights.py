@@ -10,7 +10,7 @@ from collections.abc import Mapping
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
-from learning.weights import FILES, NetworkWeights, sub_state
+from learning.weights import FILES, NetworkWeights, average_of
 
 if TYPE_CHECKING:
     from baselines.upsampler.network import UpsamplerConfig
@@ -24,11 +24,7 @@ def export(checkpoint_path: Path, path: Path) -> str:
 
     Raises BadInput as `learning.weights.WeightFiles.export`.
     """
-    return FILES[PACKAGE].export(
-        checkpoint_path,
-        path,
-        lambda state, config: (sub_state(state, "average"), {"network": config["network"]}),
-    )
+    return FILES[PACKAGE].export(checkpoint_path, path, average_of)
 
 
 def load_weights(name_or_path: str | Path = "all") -> NetworkWeights:

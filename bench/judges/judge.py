@@ -20,7 +20,7 @@ from torch.nn import functional
 from data_prep.failures import BadInput
 from data_prep.scene import IMAGE_SIZE
 from learning.exact import exact_inference
-from learning.weights import read_safetensors
+from learning.tensor_files import read_safetensors
 
 FEATURES = 192  # the width of the last layer before the answers
 CODE = 32  # the length of a shape code

@@ -22,7 +22,7 @@ from torch import Tensor, nn
 from data_prep.failures import BadInput
 from data_prep.scene import IMAGE_SIZE
 from learning.exact import exact_inference
-from learning.weights import read_safetensors
+from learning.tensor_files import read_safetensors
 
 FEATURES = 64  # the number of features of an image
 BATCH = 20  # the most images that the network sees at a time

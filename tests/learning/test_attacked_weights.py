@@ -12,7 +12,8 @@ from safetensors.torch import save_file
 
 from data_prep.failures import BadInput
 from data_prep.files.checksums import file_sha256
-from learning.weights import card_of, objective_of, read_safetensors
+from learning.tensor_files import read_safetensors
+from learning.weights import card_of, objective_of
 
 from .trainings import KINDS, load_decoder, whole
 

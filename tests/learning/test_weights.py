@@ -12,7 +12,8 @@ import torch
 from data_prep.failures import BadInput
 from data_prep.files.checksums import file_sha256
 from learning import checkpoint
-from learning.weights import FILES, objective_of, read_safetensors
+from learning.tensor_files import read_safetensors
+from learning.weights import FILES, objective_of
 from pc2pix import weights as pc2pix
 from pc2pix.train_autoencoder import load_encoder
 

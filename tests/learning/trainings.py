@@ -41,9 +41,9 @@ from data_prep.datasets.occupancy_set import OccupancySet
 from data_prep.datasets.training_set import SurfaceSet, TrainingSet
 from learning import checkpoint, training_loop
 from learning.configuration import Cadence
+from learning.tensor_files import write_atomically
 from learning.trainer import NetworkTrainer
 from learning.training_loop import seeded
-from learning.weights import write_atomically
 from pc2pix import weights as pc2pix
 from pc2pix.model import ModelConfig, build_encoder
 from pc2pix.train_autoencoder import AutoencoderTrainer
