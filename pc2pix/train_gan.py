@@ -67,8 +67,8 @@ _ENCODE_BATCH = 32  # clouds that are encoded at a time
 # Factor on the generator's learning rate during the warm-up with reconstruction alone, which stays
 # stable at higher rates than training against a discriminator.
 _WARM_UP_RATE = 4.0
-# Smallest standard deviation that a number of the code is divided by: absolutely, and as a share of
-# the largest one. A number that hardly varies over the clouds is not blown up to a deviation of 1.
+# A number of the code is divided by its standard deviation, but at least by _MIN_CODE_STD and by
+# _MIN_CODE_SHARE of the largest deviation: one that hardly varies is not blown up.
 _MIN_CODE_STD = 1e-6
 _MIN_CODE_SHARE = 1e-3
 

@@ -36,9 +36,9 @@ class OccupancyNetRenderer(DrawsReconstruction):
     def prepare(self, cloud: PointCloud, rng: np.random.Generator | None = None) -> Reconstruction:
         """Return the surface of a cloud; `rng` is not used, nor does the points' order matter.
 
-        Raises StageFailure at the stage `input` (no point is nearer than the camera, or one is not
-        finite), `occupancy` (the network gives a value that is not finite) or `marching-cubes` (no
-        place is likely enough to be inside).
+        Raises StageFailure at the stage `input` (no point is nearer to the origin than the camera,
+        or one is not finite), `occupancy` (the network gives a value that is not finite) or
+        `marching-cubes` (no place is likely enough to be inside).
         """
         del rng
         points, notes = used_points(cloud, 1, MOST_POINTS, "occupancy networks")

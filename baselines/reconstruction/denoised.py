@@ -77,8 +77,8 @@ _TOGETHER = 512  # patches that are computed together: they fit into a processor
 _LEAST_POINTS = 30  # of fewer points no noise is estimated
 _SAMPLE = 2048  # points that noise is estimated from: as many as the constants were chosen for
 _PATCHES = (24, 48, 96, 192)  # points of a patch, from the smallest to the largest that is tried
-_LARGEST_SHARE = 8  # patches after the smallest have at most one in so many points of the cloud
-_WIDE = 0.27  # a patch is wide enough if the estimate is at most this part of its radius
+_LARGEST_SHARE = 8  # larger patches than the smallest have at most 1/8 of the points
+_WIDE = 0.27  # patches are wide enough if the noise is at most this share of their radius
 _FLAT = 0.3  # quantile of the patches' variances that is taken as m2
 _NOISE_KURTOSIS, _PLATE_KURTOSIS = 2.5, 1.0  # q of pure noise, and of a plate without noise
 _PLANE_FREEDOMS = 3  # parameters of a fitted plane: a patch of k heights has k - 3 free ones
@@ -174,10 +174,10 @@ def _projected(points: Floats, index: NDArray[np.intp]) -> Floats:
 
 
 def dense_part(points: Floats, share: float, neighbours: int) -> Floats:
-    """Return the `share`, 0..1, of points [N, 3] around which others are densest, in their order.
+    """Return the densest points, a `share` of 0 to 1 of the points [N, 3], in their given order.
 
-    Density is measured by the distance to the nearest point number `neighbours`, the point itself
-    being number 1. Of equally dense points the first are taken.
+    A point is denser the nearer its `neighbours`-th nearest point is, where the point itself counts
+    as the first. Of equally dense points the first are taken.
     """
     kept = round(share * len(points))
     if kept >= len(points):

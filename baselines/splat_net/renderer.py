@@ -160,7 +160,7 @@ class SplatNetRenderer:
         return project
 
     def at_size(self, size: int) -> SplatNetRenderer:
-        """Return a renderer of the same network for images of another size, made once a size."""
+        """Return a renderer of the same network for images of another size, and keep it."""
         if size not in self._at_sizes:
             self._at_sizes[size] = SplatNetRenderer(
                 self.weights, device=str(self.device), precision=self.precision, size=size

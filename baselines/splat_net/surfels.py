@@ -54,10 +54,10 @@ def find_surfels(
 
     points    [N, 3], finite, N > 0
     workers   threads that search for neighbours
-    surfaces  whether normals, flatness and flattened points are needed. Without them the result has
+    surfaces  whether `normals`, `variation` and `flattened` are needed. Without them the result has
               the points alone, which takes a small part of the time
 
-    Where all points of a neighbourhood coincide, its normal is an arbitrary unit vector, and the
+    Where all points of a neighbourhood coincide, its normal is an arbitrary unit vector, and its
     variation is 0.
     """
     place = np.unique(points, axis=0).astype(np.float64)

@@ -30,8 +30,8 @@ _HELD_OUT = 24
 _LEFT = 4
 _VALIDATED_EVERY = 250  # steps between two validations
 _NORMALS = 0.5  # weight of the normals' sines in the loss
-# Errors, distances in spacings and sines, below which the loss is round: its gradient falls to 0
-# with the error, where that of an absolute value jumps.
+# The size of an error (a distance in spacings, or a sine) below which the loss is smooth: its
+# gradient falls to 0 with the error, while that of an absolute value jumps.
 _ROUND = 0.02
 _NOISE_COUNTS = 2.0  # the loss of a place is divided by 1 + this times the noise in spacings
 

@@ -35,7 +35,7 @@ Ahead = Literal["a", "b", "tie", "unknown"]
 # Decimals of the ends of an interval that decide whether it holds 0: the same scores, added in
 # another order, differ by 1e-6.
 INTERVAL_DECIMALS = 5
-CRITERION = ["metric", "condition", "class"]  # columns of what two methods are compared by
+CRITERION = ["metric", "condition", "class"]  # the columns that together name a comparison
 LEAD_COLUMNS = ["lead", "lead_low", "lead_high"]  # how much better b is than a, with its interval
 _SIDE_COLUMNS = ["run", "method", "images_of", "value"]  # of each side: with the end _a or _b
 _DIFFERENCES = [
@@ -86,11 +86,12 @@ class QualityChange(NamedTuple):
 
 
 def change(a: Sequence[Row], b: Sequence[Row]) -> QualityChange:
-    """Return a - b in the mean over classes, paired object by object.
+    """Return the mean over classes of a - b.
 
     a, b  rows of a comparison by one metric, one for each class, both in the same order
 
-    A class in which no object has a value on both sides does not count.
+    By a metric that is a mean over objects the objects are paired, and a class without an object
+    that has a value on both sides is left out. By other metrics the classes' values are subtracted.
     """
     metric = a[0]["metric"]
     least, largest = value_range(metric)
@@ -249,7 +250,11 @@ class Verdicts:
         It also has `lead` with `lead_low` and `lead_high`: how much better b is than a.
         """
         of_headline = metric in self._together
-        family = (a, b, "" if of_headline else metric)  # what is corrected for together
+        family = (
+            a,
+            b,
+            "" if of_headline else metric,
+        )  # comparisons that are corrected together for their number
         if family not in self._known:
             rows = self._headline if of_headline else self._further
             of_a, of_b = rows[a], rows[b]

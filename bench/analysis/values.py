@@ -151,11 +151,11 @@ def distance_rows(
     features: FeatureDistances | None,
     reason: str = "",
 ) -> pd.DataFrame:
-    """Return the distances between each method's images and the true ones, by their features.
+    """Return the distances between the features of each method's images and of the true ones.
 
     metric    name of the distance
     kernel    whether it is a kernel distance, else a Fréchet distance
-    features  None where the run has none, for the `reason`
+    features  None where the run has none; `reason` then says why
     """
 
     def value_of(image_set: ImageSet, metric: str) -> dict[str, Any]:

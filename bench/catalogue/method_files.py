@@ -121,7 +121,7 @@ def _read_source(file: Path) -> _Source:
 
 
 class DataFiles(NamedTuple):
-    """The files beside its source code that the images of a method depend on."""
+    """The files, other than its source code, that the images of a method depend on."""
 
     files: tuple[Path, ...]
     left_out: tuple[Path, ...]  # folders with too many files or bytes, which are not in `files`

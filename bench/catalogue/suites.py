@@ -349,7 +349,7 @@ def with_truth(suite: Suite, truth: str | None) -> Suite:
     metrics = {field: _metrics_in_grey(getattr(suite, field)) for field in _METRIC_FIELDS}
     tables = []
     for table in suite.tables:
-        if table.kind == "orderings":  # the table of the paper's orderings
+        if table.kind == "orderings":  # which needs the paper's values, that are of colours
             continue
         tables.append(replace(_UNNUMBERED.get(table.kind, table), paper_layout=False))
     return replace(

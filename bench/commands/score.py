@@ -33,7 +33,7 @@ def score(
 ) -> None:
     """Measure a finished run with further metrics; print their tables."""
     if device is Device.cuda:
-        chosen_device(device)  # raises BadInput without a GPU, before anything is read
+        chosen_device(device)  # without a GPU it raises BadInput, before a file is read
     chosen = names(metrics) or announced("metric")
     if not chosen:
         raise BadInput(

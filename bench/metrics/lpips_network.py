@@ -139,9 +139,9 @@ class _Activations:
 
 
 class Lpips:
-    """A network with its heads.
+    """The distance LPIPS: a network, and the heads that weigh its layers.
 
-    Convolutions keep all digits of the precision on a GPU, too (`learning.exact`).
+    On a GPU convolutions are computed in full float32, too (`learning.exact`).
     """
 
     def __init__(

@@ -110,7 +110,10 @@ def shown_objects(records: pd.DataFrame) -> list[tuple[str, str]]:
 
 
 def extremes(records: pd.DataFrame, metric: str) -> pd.DataFrame:
-    """Return the worst and best records, by a metric, of each competing method and condition.
+    """Return the worst and the best records, by a metric, of each method and condition.
+
+    Up to EACH of both kinds are taken of each competing method under each condition, and of each
+    class where these are few. Failed images have no part.
 
     Rows are in the order of the records' methods and conditions; their column `kind` is "worst" or
     "best". Of an object only its worst or best view is taken; a record is not both.

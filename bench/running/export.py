@@ -46,7 +46,7 @@ from data_prep.scene import Mesh, UInt8Images
 
 # The metadata that all exports share, in the form of Croissant; each null in it is replaced.
 _CROISSANT = Path(__file__).with_name("croissant.json")
-# What each list of files says about itself in the metadata.
+# The description of each list (objects, clouds, views) in the Croissant metadata.
 _ABOUT = {
     OBJECTS: "The objects and their meshes.",
     CLOUDS: "The clouds that methods get: float32 coordinates in the unit sphere, +Y up, front -Z.",

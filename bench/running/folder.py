@@ -207,7 +207,8 @@ def _methods_there(
         # An unknown name is refused with a list of all known names, which would hide the remedy.
         reason = str(error).partition(": ")[0] if str(error).startswith("unknown") else str(error)
         raise BadInput(
-            f"{directory}: its run cannot be kept here: {reason}; install what is missing, {APART}"
+            f"{directory}: its run cannot be continued on this machine: {reason}; install what is "
+            f"missing, {APART}"
         ) from error
     return methods
 

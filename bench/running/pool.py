@@ -129,7 +129,7 @@ class WorkerFailure:
 
     kind: Literal["timeout", "memory", "crash"]
     detail: str
-    taken_s: float | None = field(default=None, compare=False)  # seconds; None where unknown
+    taken_s: float | None = field(default=None, compare=False)  # seconds until then; None: unknown
 
     @property
     def reason(self) -> str:

@@ -247,7 +247,7 @@ def manifest_of(
 
 
 def name_of(obj: SceneObject) -> str:
-    """Return class and name of an object, as manifests have them."""
+    """Return the name of an object in manifests, which is CLASS/ID."""
     return f"{obj.class_name}/{obj.object_id}"
 
 

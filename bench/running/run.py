@@ -124,7 +124,7 @@ class RunResult(Generic[Outputs]):
     failed: int  # the jobs without images; with a ground truth all jobs of its object fail
     hopeless: tuple[str, ...]  # the methods that have not given a single image
     seconds: dict[str, float]  # the seconds of each stage, by its name
-    shares: dict[str, float]  # the parts of the workers' time, as `bench.records.job.shares`
+    shares: dict[str, float]  # of the workers' time, 0 to 1, by what it was spent on
 
 
 def run(

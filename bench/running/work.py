@@ -335,7 +335,7 @@ class _Step:
     job: Job
     # The code of others that the step executes, "" for none: steps with the same share workers.
     foreign_code: str
-    drawn: _RenderedViews | None = None  # the images, where they are drawn and only to be scored
+    drawn: _RenderedViews | None = None  # images of an earlier step, which this one only scores
 
     def do(self) -> Result | _RenderedViews:
         """Do the step, and return the result of the job, or the images that are to be scored."""

@@ -192,7 +192,7 @@ def how_timed(manifest: Mapping[str, Any]) -> str:
 def cost_table(run: Run) -> str:
     """Return the median costs in milliseconds, per cloud and per view, as Markdown.
 
-    It is not one of the tables: times differ from run to run.
+    It is kept apart from the tables of results, because times differ from run to run.
     """
     claimed = run.manifest.get(ENTERED, ())
     conditions = list(dict.fromkeys(condition for _, condition, _ in run.image_sets))

@@ -69,7 +69,7 @@ class _Layout:
     width          the number of columns
     axes, colours  the columns of x, y and z, and of red, green and blue
     unsure         whether the column taken for x may be a count of the points
-    unused         lines on columns that are not used
+    unused         texts on columns that are not used, such as "3 of its 6 columns"
     """
 
     separator: str = " "
@@ -87,7 +87,7 @@ def read_text(
     unnamed: Mapping[int, tuple[int, ...]] = _XYZ_COLOURS,
     parts: bool = False,
 ) -> CloudContents:
-    """Return the points of a text, and lines on columns that are not used.
+    """Return the points of a text, and texts on columns that are not used.
 
     unnamed  the columns of colours where no line names columns, by the number of columns
     parts    whether to pass over lines of a single whole number, which count the points of a part

@@ -104,7 +104,7 @@ def check_batches(name: str) -> Passed:
 
 
 def check_scores(name: str) -> Passed:
-    """Compare images identical to the truth, as those of `true-mesh` are, with others."""
+    """Check that a metric rates the true images better than images of another object."""
     metric, truth, other = _metric(name), _true_images(0), _true_images(1)
     assert isinstance(metric, ImageMetric)
     same, off = _values(name, truth, truth), _values(name, truth, other)

@@ -356,7 +356,7 @@ def _busy_s() -> float:
     """
     import psutil
 
-    # The load average would be simpler, but it includes what was measured in the minute before.
+    # The load average would be simpler, but it covers the last minute, and so earlier measurements.
     usable = os.sched_getaffinity(0)
     cores: list[Any] = psutil.cpu_times(percpu=True)
     # "user" includes "guest", the time of virtual machines, which is not added again.

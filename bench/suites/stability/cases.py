@@ -17,7 +17,7 @@ class Case:
     """An extreme input: a cloud at the edge of the domain, and views of it."""
 
     id: str  # kebab-case
-    group: str  # kind of extreme; the cases of a group follow each other
+    group: str  # what is extreme, as "number of points"; cases of a group are adjacent
     about: str  # the input in words
     perturbation: Perturbation
     # The case that should have the same images, view by view: a metamorphic check. Where this case

@@ -217,7 +217,7 @@ def test_a_run_of_two_trees_has_a_row_of_each(
     assert command("compare", "out", "--methods", "our-splat,second-splat")[0] == 0
     status, _, err = command(*adding)
     assert status == 2
-    assert "its run cannot be kept here: " in err
+    assert "its run cannot be continued on this machine: " in err
 
 
 @pytest.mark.slow
