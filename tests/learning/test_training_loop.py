@@ -89,8 +89,8 @@ def test_a_run_goes_on_where_it_was_and_is_not_given_for_a_shorter_one(tmp_path)
     steps, (state, step, _) = start(tmp_path, Config(steps=5))
     assert (steps, step, int(state["steps_done"])) == ([4, 5], 5, 5)
     assert start(tmp_path, Config(steps=6, cadence=Cadence(1, 9, 9)))[0] == [6]
-    with pytest.raises(BadInput, match=r"has 6 steps already, and 4 are asked for; give --steps 6"):
-        start(tmp_path, Config(steps=4))
+    with pytest.raises(BadInput, match=r"has 6 steps already, and 5 are asked for; give --steps 6"):
+        start(tmp_path, Config(steps=5))
     assert start(tmp_path, Config(steps=6))[0] == []
 
 

@@ -8,7 +8,9 @@ from bench.metrics import ssim
 from bench.records.folder import open_folder
 from bench.records.job import failed
 from bench.suites.stability.cases import VIEWS
+from bench.suites.stability.figures import ACROSS, MISSING, sheet
 from bench.suites.stability.outcomes import observe
+from data_prep.scene import IMAGE_SIZE
 
 from ...builders import make_job, make_record, make_result
 
@@ -99,3 +101,10 @@ def test_repetitions_are_one_observation_with_the_largest_change_of_scores(store
     assert (still.mean_change, still.ssim_change, still.lpips_change) == (0.0, 0.0, 0.0)
     store.append(failed(jobs[1], "apss: no faces"))
     assert observe([job, *jobs], store)[1].reason == "apss: no faces"
+
+
+def test_a_missing_image_is_grey_and_the_rest_of_a_row_white():
+    shown = sheet([[None, np.zeros((IMAGE_SIZE, IMAGE_SIZE, 3), np.uint8)]])
+    assert shown.shape == (IMAGE_SIZE, ACROSS * IMAGE_SIZE, 3)
+    missing, black, rest = np.split(shown, [IMAGE_SIZE, 2 * IMAGE_SIZE], axis=1)
+    assert (np.unique(missing), np.unique(black), np.unique(rest)) == (MISSING, 0, 255)
