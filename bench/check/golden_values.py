@@ -16,6 +16,8 @@ from bench.tables.paper import RESULTS
 from data_prep.datasets.protocol_version import refuse_other_version
 from data_prep.failures import BadInput
 
+GOLDEN = RESULTS / "golden"  # the folder of the files
+
 
 def golden_name(manifest: Mapping[str, Any]) -> str:
     """Return the name of the golden values of a run: its suite, and "-grey" for truth in grey."""
@@ -25,7 +27,7 @@ def golden_name(manifest: Mapping[str, Any]) -> str:
 
 def golden_path(name: str) -> Path:
     """Return the path of golden values."""
-    return RESULTS / "golden" / f"{name}.csv"
+    return GOLDEN / f"{name}.csv"
 
 
 def golden(name: str) -> pd.DataFrame:

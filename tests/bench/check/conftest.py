@@ -7,7 +7,7 @@ from pathlib import Path
 import pytest
 
 import bench.catalogue.suites
-import bench.tables.paper
+import bench.check.golden_values
 from bench.catalogue.suites import SUITES
 from bench.check.golden import bless
 
@@ -32,7 +32,7 @@ def be_default(patch, **changes):
 def results(tmp_path, monkeypatch):
     """The folder of golden values, which is empty."""
     folder = tmp_path / "results"
-    monkeypatch.setattr(bench.tables.paper, "RESULTS", folder)
+    monkeypatch.setattr(bench.check.golden_values, "GOLDEN", folder / "golden")
     be_default(monkeypatch)
     return folder
 
@@ -42,7 +42,7 @@ def blessed(tmp_path_factory):
     """A folder with a finished run, and results whose golden values are its own."""
     folder = tmp_path_factory.mktemp("blessed")
     with pytest.MonkeyPatch.context() as patch:
-        patch.setattr(bench.tables.paper, "RESULTS", folder / "results")
+        patch.setattr(bench.check.golden_values, "GOLDEN", folder / "results" / "golden")
         be_default(patch)
         bless(write_run_with_tables(folder / "run"))
     return folder

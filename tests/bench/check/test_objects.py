@@ -12,7 +12,7 @@ import pandas as pd
 import pytest
 from PIL import Image
 
-import bench.tables.paper
+import bench.check.golden_values
 from bench.analysis.run import read_run
 from bench.catalogue.metrics import IMAGE_METRICS, column
 from bench.catalogue.suites import SUITES, with_truth
@@ -55,7 +55,7 @@ def seven(tmp_path_factory):
     """A folder with a finished run, and results whose golden values are its own."""
     folder = tmp_path_factory.mktemp("seven")
     with pytest.MonkeyPatch.context() as patch:
-        patch.setattr(bench.tables.paper, "RESULTS", folder / "results")
+        patch.setattr(bench.check.golden_values, "GOLDEN", folder / "results" / "golden")
         be_default(patch, objects=OBJECTS)
         bless(write_run_with_tables(folder / "run", objects=OBJECTS))
     return folder
