@@ -311,7 +311,7 @@ STABILITY = Procedure(
 )
 SPEED = Procedure(
     id="speed",
-    about="the paper's 0.02 s against 0.18 s an image: prepare and draw, cold and warm, amortised",
+    about="the paper's 0.02 s against 0.18 s an image: prepare and draw, amortised",
     methods=_ids(
         "surface-apss surface-fit pc2pix pc2pix@paper splat-net@chair denoised-wrap "
         "occupancy-net fused-net@grey splat splat-fill true-mesh"

@@ -40,41 +40,33 @@ Statistics = dict[str, tuple[float, int]]
 def summarise(measurement: Measurement) -> Statistics:
     """Return medians over clouds and rounds, in milliseconds and MiB; NaN without a sample.
 
-    cold-load, cold-prepare, cold-draw   the first call in its process; cold-picture is their sum
-    prepare, draw-1, draw-V              warm: median, 95th percentile (p95) and median of the
-                                         processor time (core); of a call, a view's share
-    picture-of-1, picture-of-V           an image where 1 or V are drawn of a cloud, prepared
-                                         for them: sums of the medians above
-    further-view                         what each view more in a call costs, up to V
-    peak-mib, idle-mib                   most memory of the process, and before the method's load
+    prepare, draw-1, draw-V     a cloud prepared, and a view's share of a call that draws 1 or V;
+                                by the clock, and of processor time (core). The first calls in a
+                                process, of round 0, do not count
+    picture-of-1, picture-of-V  an image where 1 or V are drawn of a cloud, prepared for them: sums
+                                of the medians above
+    further-view-core           what each view more in a call costs, up to V
+    peak-mib, idle-mib          most memory of the process, and before the method's load
     """
     samples = pd.DataFrame(
         map(vars, measurement.samples), columns=[*TimingSample.__dataclass_fields__]
     )
     batch, values = measurement.views, Statistics()
-    is_cold = samples["round"] == 0
-    for stage in ("load", "prepare", "draw"):
-        first = samples[is_cold & (samples["stage"] == stage)]
-        values[f"cold-{stage}-ms"] = _percentile(MS * first["wall_s"])
-    together = float(np.add.reduce([value for value, _ in values.values()]))
-    values["cold-picture-ms"] = together, int(math.isfinite(together))
-    for name, stage, views in (
-        ("prepare", "prepare", 0),
-        *((f"draw-{views}", "draw", views) for views in dict.fromkeys((1, batch))),
-    ):
-        warm = samples[~is_cold & (samples["stage"] == stage) & (samples["views"] == views)]
+    timed = {"prepare": ("prepare", 0), "draw-1": ("draw", 1), f"draw-{batch}": ("draw", batch)}
+    for name, (stage, views) in timed.items():
+        of_stage = (samples["stage"] == stage) & (samples["views"] == views)
+        warm = samples[of_stage & (samples["round"] > 0)]
         share = MS / max(views, 1)
-        values[f"{name}-ms"] = _percentile(share * warm["wall_s"])
-        values[f"{name}-p95-ms"] = _percentile(share * warm["wall_s"], 95.0)
-        values[f"{name}-core-ms"] = _percentile(share * warm["core_s"])
-    for name, views in (*((f"picture-of-{v}", v) for v in (1, batch)), ("further-view", None)):
+        values[f"{name}-ms"] = _median(share * warm["wall_s"])
+        values[f"{name}-core-ms"] = _median(share * warm["core_s"])
+    for views in (1, batch):
+        n = values[f"draw-{views}-ms"][1]
         for unit in _UNITS:
-            if views is None:
-                cost = _further_view(values, unit, batch)
-            else:
-                (cost,) = costs(values, unit, batch, [views])
-            n = values[f"draw-{views or batch}-ms"][1]
-            values[f"{name}-{unit}"] = float(cost), n if math.isfinite(cost) else 0
+            (cost,) = costs(values, unit, batch, [views])
+            values[f"picture-of-{views}-{unit}"] = float(cost), n if math.isfinite(cost) else 0
+    further = _further_view(values, "core-ms", batch)
+    n = values[f"draw-{batch}-ms"][1] if math.isfinite(further) else 0
+    values["further-view-core-ms"] = further, n
     for name, mib in (("peak-mib", measurement.peak_mib), ("idle-mib", measurement.idle_mib)):
         values[name] = (math.nan, 0) if mib is None else (mib, 1)
     return values
@@ -107,9 +99,9 @@ def _parts(values: Statistics, unit: str, batch: int) -> list[float]:
     return [values[f"{name}-{unit}"][0] for name in ("prepare", "draw-1", f"draw-{batch}")]
 
 
-def _percentile(samples: pd.Series, percent: float = 50.0) -> tuple[float, int]:
+def _median(samples: pd.Series) -> tuple[float, int]:
     count = len(samples)
-    return float(np.percentile(samples, percent)) if count else math.nan, count
+    return float(np.median(samples)) if count else math.nan, count
 
 
 def samples_table(measurements: Iterable[Measurement]) -> Table:
@@ -176,7 +168,7 @@ def speed_table(
     """Return the table of all statistics.
 
     Readers see a grid for each condition that compares costs with the claim of the paper, and then
-    all times, in a pair of grids for each condition and number of threads.
+    a grid of all times for each condition and number of threads.
 
     machine  the model of the processor (`cpu`), and how many `cores` could be used
     """
@@ -194,9 +186,8 @@ def speed_table(
             f"On {markdown.cell(machine['cpu'])}, {machine['cores']} cores; device "
             f"{markdown.cell(devices)}. Each method alone in a fresh process, its libraries on the "
             f"threads named. Medians over clouds (here {measurements[0].clouds}) and rounds "
-            f"(at least {suite.least_rounds}, after {suite.warm_ups} not counted), the 95th "
-            "percentile in brackets. 2x: an image costs half of what it does with "
-            f"{markdown.cell(suite.baselines[0])}."
+            f"(at least {suite.least_rounds}, after {suite.warm_ups} not counted). 2x: an image "
+            f"costs half of what it does with {markdown.cell(suite.baselines[0])}."
         )
         yield "## The claim"
         if paper:
@@ -271,38 +262,34 @@ def _claim(
 
 
 def _times_of(rows: pd.DataFrame, batch: int, noisy: set[tuple[str, str, int]]) -> Iterator[Block]:
-    """Yield warm times, then cold ones and memory, of one condition and number of threads."""
-    warm, cold = [], []
+    """Yield the times and the memory of one condition and number of threads."""
+    lines = []
     for method, of_method in rows.groupby("method", sort=False):
         first = of_method.iloc[0]
         at = dict(zip(of_method["metric"], map(_number, of_method["value"]), strict=True))
         where = (str(method), first["condition"], first["threads"])
-        short = first["n_ok"] < first["clouds"]
-        warm.append(
+        failed = ""
+        if first["n_ok"] < first["clouds"]:
+            failed = f"{first['n_ok']}/{first['clouds']} clouds"
+        lines.append(
             [
                 f"{method}{_mark(where, noisy)}",
-                *(
-                    f"{at[f'{name}-ms']} ({at[f'{name}-p95-ms']})"
-                    for name in ("prepare", "draw-1", f"draw-{batch}")
-                ),
-                *(at[f"picture-of-{views}-core-ms"] for views in (1, batch)),
-                f"{first['n_ok']}/{first['clouds']} clouds" if short else "",
+                at["prepare-ms"],
+                at["draw-1-ms"],
+                at[f"draw-{batch}-ms"],
+                at["picture-of-1-core-ms"],
+                at[f"picture-of-{batch}-core-ms"],
+                f"{at['peak-mib']} ({at['idle-mib']})",
+                failed,
             ]
         )
-        parts = (at[f"cold-{name}-ms"] for name in ("load", "prepare", "draw", "picture"))
-        cold.append([str(method), *parts, f"{at['peak-mib']} ({at['idle-mib']})"])
     yield (
-        f"Warm, ms: a cloud prepared; a view drawn alone, and one of {batch} drawn in a call; "
-        "core-ms is processor time of an image, all threads together."
-    )
-    yield grid(
-        ["method", "prepare", "draw 1", f"of {batch}", "core-ms: of 1", f"of {batch}", ""], warm
-    )
-    yield (
-        "Cold, ms: imports and weights; the first cloud; the first view. Memory, MiB, at most; in "
+        f"Milliseconds: a cloud prepared; a view drawn alone, and one of {batch} drawn in a call; "
+        "core-ms is processor time of an image, all threads together. Memory, MiB, at most; in "
         "brackets what the process had before the method was loaded."
     )
-    yield grid(["method", "load", "prepare", "draw", "first image", "memory"], cold)
+    heads = ["method", "prepare", "draw 1", f"of {batch}", "core-ms: of 1", f"of {batch}"]
+    yield grid([*heads, "memory", ""], lines)
 
 
 def amortised_rows(measurements: Sequence[Measurement], suite: SpeedSuite) -> pd.DataFrame:
