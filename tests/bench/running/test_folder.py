@@ -140,12 +140,12 @@ def test_an_extension_that_is_stopped_leaves_the_outputs_and_goes_on(
     [
         (
             {"methods": ["splat", "my-plug-in"]},
-            "continued on this machine: unknown method 'my-plug-in'; install",
+            "this machine: unknown method 'my-plug-in'; install",
         ),
         ({"methods": ["pc2pix@gone.safetensors"]}, "gone.safetensors"),
         (
             {"conditions": ["2048", "my-noise"]},
-            "continued on this machine: unknown condition 'my-noise'; install",
+            "this machine: unknown condition 'my-noise'; install",
         ),
         ({"objects": ["chair/gone"]}, r"has chair/gone \(1 in all\), which procedural no longer"),
     ],
