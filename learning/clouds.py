@@ -19,7 +19,7 @@ CLEAN_SHARE = 0.4  # share of the clouds that get no noise
 
 
 class Degradation(NamedTuple):
-    """How a training degrades clouds; the defaults are those of splat-net and occupancy-net.
+    """The degradation of clouds in a training; its defaults are those of splat-net.
 
     points_seen  the numbers of points of which each step has one, all equally likely
     most_noise   the largest standard deviation of the noise, in radii of the unit sphere

@@ -1,4 +1,4 @@
-"""What the configurations of all trainings share. Command lines read it, hence without PyTorch."""
+"""The parts that configurations of trainings share; command lines read them without PyTorch."""
 
 from __future__ import annotations
 

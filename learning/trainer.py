@@ -1,4 +1,4 @@
-"""What all trainers of networks share: state, averages, mixed precision and optimiser steps."""
+"""The base of trainers of networks: state, averages, mixed precision and optimiser steps."""
 
 from __future__ import annotations
 

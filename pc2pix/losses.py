@@ -165,7 +165,7 @@ OBJECTIVES = {
 
 
 class Conditioning(NamedTuple):
-    """What images show, or should show: c_1, c_2 and c_3 of Eq. 6.
+    """The conditions that images show, or should show: c_1, c_2 and c_3 of Eq. 6.
 
     code         [B, latent_dim], of the cloud
     elevation01  [B, 1], normalised

@@ -1,4 +1,4 @@
-"""What studies share: images of many objects at once, all metrics of them, and turned views."""
+"""The parts that studies share: images of many objects at once, their metrics, turned views."""
 
 from __future__ import annotations
 

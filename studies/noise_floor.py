@@ -1,4 +1,4 @@
-"""How far golden values move on another machine, from which their tolerances are derived.
+"""The tolerances of golden values, from how far these move on another machine.
 
     python -m studies.noise_floor [cells] [--chairs 24] [--views 20] [--condition 2048]
     python -m studies.noise_floor chairs [--chairs 24] [--views 20] [--condition 2048,noise-0.10]

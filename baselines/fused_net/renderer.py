@@ -37,7 +37,7 @@ NOTHING = in_grey(np.empty((0, 3)), np.empty((0, 3), int))  # a mesh without fac
 
 @dataclass(frozen=True, eq=False)
 class _FusedState:
-    """What is prepared of a cloud.
+    """The prepared state of a cloud.
 
     surfels  the points with their normals
     meshes   in the order of the network's inputs; those that were not made have no faces

@@ -1,4 +1,4 @@
-"""What all reconstructions share: the choice of points, checks between stages, and the result."""
+"""The parts that reconstructions share: the choice of points, checks between stages, the result."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""What the network sees around each point of a cloud, and the places there that it moves.
+"""The surroundings of each point that the network sees, and the places there that it moves.
 
 A noisy cloud is smoothed first, as `denoised-wrap` does it (`baselines.reconstruction.denoised`).
 The network corrects the errors that are left.

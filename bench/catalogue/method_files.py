@@ -96,7 +96,7 @@ def _code_in(path: Path) -> list[Path]:
 
 
 class _Source(NamedTuple):
-    """What matters here of a file of Python: the modules that it imports, and its texts."""
+    """The modules that a file of Python imports, and the texts in it."""
 
     imported: frozenset[str]  # the first part of the dotted name of each imported module
     texts: frozenset[str]  # the string literals, any of which may be a path

@@ -21,7 +21,7 @@ from data_prep.failures import unknown
 
 @dataclass(frozen=True)
 class Limits:
-    """What a task may use before it is ended and counts as failed."""
+    """The time and memory that a task may use before it is ended and counts as failed."""
 
     time_s: float  # seconds by the clock
     memory_gib: float  # resident memory of the worker that does the task
@@ -85,7 +85,7 @@ SET_TABLE = TableSpec("sets", "table_frechet", "Distances between sets of images
 
 @dataclass(frozen=True)
 class Suite:
-    """What a run measures: every method at every condition on every object from every view.
+    """The protocol of a run: it measures every method at every condition on every object and view.
 
     A suite also declares the metrics, and the tables and figures that show them.
 

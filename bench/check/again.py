@@ -44,7 +44,7 @@ from data_prep.randomness import generator
 
 @dataclass(frozen=True)
 class _AgainResult:
-    """What computing jobs again has shown.
+    """The result of computing jobs again.
 
     differing         a line for each job whose results differ, and for each object whose true
                       images do

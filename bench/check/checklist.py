@@ -52,7 +52,7 @@ SUITES = (CHAIRS, CLASSES, SPEED, LATENT)  # the suites whose runs can test a cl
 
 
 class _RunEvidence(NamedTuple):
-    """What a run can prove about claims."""
+    """The evidence of a run about claims."""
 
     name: str  # the name that people see: the suite and the dataset
     suite: str

@@ -89,17 +89,14 @@ def inspect(location: str, sample: int, workers: int) -> Inspection:
     clouds = bool(reports) and all(report.bare for report in reports.values())
     problems = [line for line in _grouped(reports) if not (clouds and _UNUSABLE in line)]
     irregular = (*dataset.irregular, *_without_images(dataset), *problems, *misfit)
-    lines = (
-        f"layout       {dataset.layout}",
-        f"orientation  {dataset.orientation}",
-        *_counts(dataset),
-        *((f"left out     {dataset.left_out}",) if dataset.left_out else ()),
-        *_checksum(dataset),
-        f"read         {len(chosen)} objects",
-        *fit,
-        *(("clouds       points without faces: they can be drawn, not scored",) if clouds else ()),
-    )
-    return Inspection(spec, lines, irregular, clouds)
+    lines = [f"layout       {dataset.layout}", f"orientation  {dataset.orientation}"]
+    lines += _counts(dataset)
+    if dataset.left_out:
+        lines.append(f"left out     {dataset.left_out}")
+    lines += [*_checksum(dataset), f"read         {len(chosen)} objects", *fit]
+    if clouds:
+        lines.append("clouds       points without faces: they can be drawn, not scored")
+    return Inspection(spec, tuple(lines), irregular, clouds)
 
 
 def _counts(dataset: Dataset) -> list[str]:

@@ -1,4 +1,4 @@
-"""What the author of images that were drawn elsewhere states: `method.toml` of a folder of images.
+"""The statements of the author of images that were drawn elsewhere: the file `method.toml`.
 
 Nothing of it can be checked here but its form, so tables call the times *claimed*. A run repeats
 the facts in its manifest: it can be read where the folder is not.

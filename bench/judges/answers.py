@@ -1,4 +1,4 @@
-"""What the judge's answers say: from where an image is seen, and which object it shows.
+"""The judge's answers: from where an image is seen, and which object it shows.
 
 The functions take the answers of `bench.judges.judge.judge` as arrays and do not need the network.
 """

@@ -401,7 +401,7 @@ def write_export(directory: Path, store: Store, seconds: dict[str, float]) -> No
 
 @dataclass(frozen=True)
 class RunStatus:
-    """What `bench run` would have to do for a run, and what is done of it."""
+    """The work that a run needs, and the part of it that is done."""
 
     directory: Path
     plan: Plan

@@ -1,4 +1,4 @@
-"""What all suites with a procedure of their own share: checks of options, folder, files, result.
+"""The parts that suites with a procedure of their own share: checks, folder, files and result.
 
 Such a suite (stability, speed, latent) does not draw all methods under all conditions, as other
 suites do, but measures something else in its own way.

@@ -1,4 +1,4 @@
-"""What all trainings share: their objects, configuration and time limit, and how they are run."""
+"""The parts that trainings share: objects, configuration, time limit, and the run of one."""
 
 from __future__ import annotations
 

@@ -15,7 +15,7 @@ FEW = 64  # points: below that gaps are everywhere, and only the stricter rule h
 
 
 class _Rule(NamedTuple):
-    """What has to be so for points to be far from the rest.
+    """The conditions under which points are far from the rest.
 
     crowd       share of all points that a cell and its neighbours need to hold a part together
     crowd_least the same as a number of points

@@ -41,7 +41,7 @@ CALLS_S = 5.0
 
 @dataclass(frozen=True)
 class Kind:
-    """How plug-ins of a kind are tested; each function takes the name of a plug-in.
+    """The test of plug-ins of a kind; each function takes the name of a plug-in.
 
     use             the function that returns the checked result of a plug-in for an input, which is
                     chosen by its number

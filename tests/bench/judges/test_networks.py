@@ -135,7 +135,7 @@ def test_features_tell_the_direction_of_view(chairs):
 
 
 def test_a_file_is_read_as_it_was_written(tmp_path):
-    """And the head of classes alone tells what the network tells."""
+    """The head of classes alone tells what the network tells."""
     labels = Labels(("lamp", "car"), ("lamp/desk", "car/van", "car/truck"), ("ladder",))
     torch.manual_seed(0)
     write_views(None, tmp_path / "x.safetensors", labels)

@@ -223,7 +223,7 @@ def test_records_that_have_changed_are_refused_and_their_job_forgotten(tmp_path,
 
 
 def test_a_changed_name_is_refused_and_the_next_run_writes_the_list_anew(tmp_path):
-    """In the table and in its index: SQLite compares the two."""
+    """A byte is changed in the table, and in its index: SQLite compares the two."""
     job, other = fill(tmp_path, "splat", "blank")
     path, told = tmp_path / STORE, "the list of its jobs is damaged; start the run again"
     data = path.read_bytes()
