@@ -9,8 +9,16 @@ from pathlib import Path
 
 from data_prep.clouds.orientations import OURS, Orientation
 from data_prep.datasets.objects import MeshObject
+from data_prep.failures import BadInput
 from data_prep.files.checksums import fingerprint_of
-from data_prep.files.meshes import LOADER_VERSION, MOST_BYTES, SUFFIXES, load_mesh
+from data_prep.files.mesh_resources import files_behind, missing_files
+from data_prep.files.meshes import (
+    LOADER_VERSION,
+    MOST_BYTES,
+    SUFFIXES,
+    load_mesh,
+    read_contents,
+)
 from data_prep.files.safe_read import is_hidden, is_regular_file
 from data_prep.scene import Mesh
 
@@ -54,10 +62,26 @@ class MeshFile(MeshObject):
         """Read, turn and normalise the file."""
         return load_mesh(self.path, self.orientation, self.folder)
 
+    def missing_files(self) -> tuple[str, ...]:
+        """Return the names that the mesh and its materials have for files that are not there.
+
+        They are searched for in the text of the file, which is not parsed. Of a mesh that cannot be
+        read there are none.
+        """
+        try:
+            return missing_files(self.path, MOST_BYTES, self.folder)
+        except BadInput:
+            return ()
+
+    def notes(self) -> tuple[str, ...]:
+        """Return lines on what the mesh names and what could not be read.
+
+        Raises BadInput as `load` does.
+        """
+        return read_contents(self.path, self.folder).notes
+
     def _resources(self) -> Iterator[Path]:
         """Yield the files that seem to be the object's, and then those that the mesh refers to."""
-        from data_prep.files.mesh_resources import files_behind  # loads trimesh
-
         known = set()
         for path in filter(is_regular_file, self._files_near()):
             known.add(path.resolve())

@@ -52,6 +52,9 @@ class CloudContents:
     faces        int64 array [F, 3]: the points of each triangle; None for a file without any
     face_colors  uint8 array [F, 3]: the colours of the triangles; None as for `colors`
     notes        lines for the user on what the reader guessed or left out
+    textures     the names of the pictures that the file refers to
+    texture_places  float64 array [F, 3, 2]: the places of the triangles' corners in the picture, to
+                 the right and upwards from its lower left corner; None for a file without any
     """
 
     points: CloudPoints
@@ -62,6 +65,8 @@ class CloudContents:
     faces: NDArray[np.int64] | None = None
     face_colors: PointColors | None = None
     notes: tuple[str, ...] = ()
+    textures: tuple[str, ...] = ()
+    texture_places: NDArray[np.float64] | None = None
 
     @property
     def is_mesh(self) -> bool:

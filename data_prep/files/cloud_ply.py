@@ -7,10 +7,12 @@ is under the GPL (`tests/upstream` shows the defects of both).
 
 from __future__ import annotations
 
+import math
 import re
 import struct
 from array import array
 from collections.abc import Sequence
+from dataclasses import replace
 from itertools import islice
 from typing import Any, NamedTuple
 
@@ -27,6 +29,7 @@ from data_prep.files.cloud_contents import (
     colors_of,
 )
 from data_prep.files.cloud_text import numbers_of, text_lines
+from data_prep.files.polygons import triangles_of_polygons, triangles_of_strips
 from data_prep.files.safe_read import shown
 
 MOST_HEADER_BYTES = 2**16  # bytes in which the end of the header is looked for
@@ -51,6 +54,12 @@ _SPLAT_COLOURS = ("f_dc_0", "f_dc_1", "f_dc_2")
 _HARMONIC = 0.28209479177387814
 _SURFACES = ("face", "tristrips")  # the names of elements that hold polygons or strips of triangles
 _CORNERS = ("vertex_indices", "vertex_index")  # the names of their lists of vertices
+_PLACE_LISTS = ("texcoord", "texcoords")  # the names of their lists of places in a texture
+_PLACES_OF_VERTICES = (("s", "t"), ("u", "v"), ("texture_u", "texture_v"))
+_TEXTURE = re.compile(rb"^comment\s+texturefile\s+(.+?)\s*$", re.IGNORECASE | re.MULTILINE)
+# The opacity below which a Gaussian splat counts as one that cannot be seen: at most 13 of 255 over
+# black. Trainings leave them around an object, far away from it.
+_LEAST_OPACITY = 0.05
 
 
 class _Property(NamedTuple):
@@ -106,29 +115,70 @@ class _Table(NamedTuple):
         whole = all(self.element.properties[i].kind in _WHOLE for i in columns)
         return True, colors_of(values, whole)
 
-    def triangles(self) -> tuple[NDArray[np.int64], NDArray[np.int64]]:
-        """Return the triangles [F, 3] of polygons or strips, and the row [F] that each is of."""
-        names = self.element.names(lists=True)
-        lists = [name for name in names if name]
-        corners_of = list(_CORNERS)
-        if len(lists) == 1:  # a single list holds the corners, whatever its name is
-            corners_of += lists
-        index = next((names.index(name) for name in corners_of if name in names), None)
+    def list_index(self, names: Sequence[str]) -> int | None:
+        """Return the index of the first property that is a list of one of these names."""
+        lists = self.element.names(lists=True)
+        return next((lists.index(name) for name in names if name in lists), None)
+
+    def surface(self, points: NDArray[np.float64]) -> _Surface:
+        """Return the triangles of polygons, or of strips, whose vertices are at `points`.
+
+        Raises NotACloud for a vertex that is not there.
+        """
+        lists = [name for name in self.element.names(lists=True) if name]
+        only = lists if len(lists) == 1 else []  # a single list holds the corners in any case
+        index = self.list_index([*_CORNERS, *only])
         if index is None:
-            return np.empty((0, 3), np.int64), np.empty(0, np.int64)
+            return _Surface(*(np.empty(shape, np.int64) for shape in (0, (0, 3), 0)))
         lengths, corners = (part[index].astype(np.int64) for part in (self.columns, self.entries))
-        counts = np.maximum(lengths - 2, 0)
-        rows = np.repeat(np.arange(len(counts)), counts)
-        first = (np.cumsum(lengths) - lengths)[rows]
-        step = np.arange(len(rows)) - (np.cumsum(counts) - counts)[rows]
-        # All triangles of a polygon share its first corner. In a strip each begins a corner later.
+        rows = np.repeat(np.arange(len(lengths)), lengths)  # of each corner
         is_strip = self.element.name == "tristrips"
-        begin = first + step if is_strip else first
-        triangles = corners[np.stack([begin, first + step + 1, first + step + 2], axis=1)]
         if is_strip:
-            kept = (triangles >= 0).all(axis=1)  # -1 ends a strip and begins another one
-            return triangles[kept], rows[kept]
-        return triangles, rows
+            # -1 ends a strip and begins another one, as a new row does.
+            begins = np.diff(rows, prepend=-1) > 0
+            begins[1:] |= corners[:-1] == -1
+            kept = corners != -1
+            strips = (np.cumsum(begins) - 1)[kept]
+            corners, rows = corners[kept], rows[kept]
+            lengths = np.bincount(strips, minlength=0)
+        if corners.size and not 0 <= corners.min() <= corners.max() < len(points):
+            raise NotACloud(
+                f"faces have the vertices {corners.min()} to {corners.max()}, of {len(points)}; "
+                "the file is damaged, fetch it again"
+            )
+        if is_strip:
+            positions, _ = triangles_of_strips(lengths)
+        else:
+            positions, _ = triangles_of_polygons(points[corners], lengths)
+        return _Surface(corners, positions, rows[positions[:, 0]])
+
+    def places(self, surface: _Surface, vertices: _Table) -> NDArray[np.float64] | None:
+        """Return the place [T, 3, 2] in the texture of the corners of triangles; None for none.
+
+        Faces have a list of them, or else vertices have two numbers.
+        """
+        index = self.list_index(_PLACE_LISTS)
+        if index is not None and self.entries[index].size == 2 * len(surface.corners):
+            return self.entries[index].astype(np.float64).reshape(-1, 2)[surface.positions]
+        names = vertices.element.names()
+        for pair in _PLACES_OF_VERTICES:
+            if set(pair) <= set(names):
+                places = vertices.numbers([names.index(name) for name in pair])
+                return places[surface.corners[surface.positions]]
+        return None
+
+
+class _Surface(NamedTuple):
+    """Triangles.
+
+    corners    int64 [C]: the vertices of all corners of the file's polygons or strips
+    positions  int64 [T, 3]: the corners of each triangle
+    rows       int64 [T]: the row of the file that each triangle is of
+    """
+
+    corners: NDArray[np.int64]
+    positions: NDArray[np.int64]
+    rows: NDArray[np.int64]
 
 
 def read_ply(data: bytes, with_colors: bool = False) -> CloudContents:
@@ -169,22 +219,43 @@ def read_ply(data: bytes, with_colors: bool = False) -> CloudContents:
     has_colors, colors = tables[vertex].colors(with_colors)
     unused = (COLOURS,) if set(CHANNELS[0]) & set(properties) or has_colors else ()
     if surface == vertex:
-        return CloudContents(points, unused, lines, has_colors, colors)
-    faces, rows = tables[surface].triangles()
-    if faces.size and not 0 <= faces.min() <= faces.max() < len(points):
-        raise NotACloud(
-            f"faces have the vertices {faces.min()} to {faces.max()}, of {len(points)}; the file "
-            "is damaged, fetch it again"
-        )
-    of_faces, face_colors = tables[surface].colors(with_colors)
+        cloud = CloudContents(points, unused, lines, has_colors, colors)
+        return _without_faint(tables[vertex], cloud)
+    table = tables[surface]
+    triangles = table.surface(points)
+    of_faces, face_colors = table.colors(with_colors)
     return CloudContents(
         points,
         unused=(*unused, f"its {elements[surface].rows} faces"),
         lines=lines,
         has_colors=has_colors or of_faces,
         colors=colors,
-        faces=faces,
-        face_colors=None if face_colors is None else face_colors[rows],
+        faces=triangles.corners[triangles.positions],
+        face_colors=None if face_colors is None else face_colors[triangles.rows],
+        textures=tuple(name.decode("utf-8", "replace") for name in _TEXTURE.findall(header[2])),
+        texture_places=table.places(triangles, tables[vertex]),
+    )
+
+
+def _without_faint(vertices: _Table, contents: CloudContents) -> CloudContents:
+    """Return a cloud without the Gaussian splats that cannot be seen, and a note on them.
+
+    Other clouds, and splats that are all faint, are returned as they are.
+    """
+    names = vertices.element.names()
+    if not {*_SPLAT_COLOURS, "opacity"} <= set(names):
+        return contents
+    logits = vertices.numbers([names.index("opacity")])[:, 0]
+    seen = logits >= math.log(_LEAST_OPACITY / (1 - _LEAST_OPACITY))
+    if seen.all() or not seen.any():
+        return contents
+    faint = int((~seen).sum())
+    return replace(
+        contents,
+        points=contents.points[seen],
+        colors=None if contents.colors is None else contents.colors[seen],
+        lines=None if contents.lines is None else np.array(contents.lines)[seen],
+        notes=(f"{faint} of {len(seen)} splats, of opacity below {_LEAST_OPACITY}, are left out",),
     )
 
 
@@ -222,32 +293,109 @@ def _table(element: _Element, data: bytes, start: int, byte_order: str) -> _Tabl
     kinds = [(byte_order + p.kind, p.length and byte_order + p.length) for p in element.properties]
     if byte_order == "=":  # `_text_tables` has stored all numbers of a text as float64
         kinds = [("=d", p.length and "=d") for p in element.properties]
-    end, row = start, np.dtype([(str(i), kind) for i, (kind, _) in enumerate(kinds)])
-    columns, entries = [bytearray() for _ in kinds], [bytearray() for _ in kinds]
-    lists = any(length for _, length in kinds)
-    try:
-        for _ in range(element.rows if lists else 0):
-            for (kind, length), column, entry in zip(kinds, columns, entries, strict=True):
-                at, end = end, end + struct.calcsize(length or kind)
-                column += data[at:end]
-                if length:
-                    count = int(struct.unpack_from(length, data, at)[0])
-                    at, end = end, end + struct.calcsize(kind) * range(count + 1)[-1]  # not below 0
-                    entry += data[at:end]
-    except (struct.error, ValueError, OverflowError, IndexError):
-        end = len(data) + 1
-    end += 0 if lists else element.rows * row.itemsize
-    if end > len(data):
+    whole = _uniform_rows(element.rows if kinds else 0, kinds, data, start)
+    if whole is not None:
+        columns, entries, end = whole
+        return _Table(element, columns, entries, end)
+    positions = _positions(element.rows, kinds, data, start)
+    if positions is None:
         raise NotACloud(
             f"{element.rows} rows of {shown(element.name)} in the header, and "
             f"{max(len(data) - start, 0)} bytes for them; the file is cut short, fetch it again"
         )
-    if not lists:
-        table = np.ndarray(element.rows if kinds else 0, row, data, start)
-        return _Table(element, [table[str(i)] for i in range(len(kinds))], [], end)
-    numbers = [np.frombuffer(columns[i], length or kind) for i, (kind, length) in enumerate(kinds)]
-    of_lists = [np.frombuffer(entries[i], kind) for i, (kind, _) in enumerate(kinds)]
-    return _Table(element, numbers, of_lists, end)
+    at, end = positions
+    columns, entries = [], []
+    for index, (kind, length) in enumerate(kinds):
+        column = _numbers_at(data, length or kind, at[:, index])
+        columns.append(column)
+        entry = np.empty(0, kind)
+        if length:
+            counts = column.astype(np.int64)
+            first = np.repeat(np.cumsum(counts) - counts, counts)
+            step = np.arange(counts.sum()) - first
+            begin = np.repeat(at[:, index] + np.dtype(length).itemsize, counts)
+            entry = _numbers_at(data, kind, begin + step * np.dtype(kind).itemsize)
+        entries.append(entry)
+    return _Table(element, columns, entries, end)
+
+
+_Kinds = Sequence[tuple[str, str]]  # for each property its type, and that of its length or ""
+
+
+def _uniform_rows(
+    rows: int, kinds: _Kinds, data: bytes, start: int
+) -> tuple[list[NDArray[Any]], list[NDArray[Any]], int] | None:
+    """Return the columns, the entries of lists and the end of rows that are all of one size.
+
+    Return None where lists have several lengths, and where the data end before the rows do.
+    """
+    first = _positions(min(rows, 1), kinds, data, start)
+    if first is None:
+        return None
+    ((at, _),) = (first,)
+    fields: list[tuple[str, str, tuple[int, ...]]] = []
+    lengths = [0] * len(kinds)
+    for index, (kind, length) in enumerate(kinds):
+        if length:
+            if rows:
+                lengths[index] = int(_numbers_at(data, length, at[0, index : index + 1])[0])
+            fields.append((f"length {index}", length, ()))
+        shape = (lengths[index],) if length else ()
+        fields.append((str(index), kind, shape))
+    row = np.dtype(fields)
+    end = start + rows * row.itemsize
+    if end > len(data):
+        return None
+    table = np.ndarray(rows if row.itemsize else 0, row, data, start)
+    columns, entries = [], []
+    for index, (_, length) in enumerate(kinds):
+        column = table[f"length {index}" if length else str(index)]
+        if length and (column != lengths[index]).any():
+            return None
+        columns.append(column)
+        entries.append(table[str(index)].ravel() if length else table[str(index)][:0])
+    return columns, entries, end
+
+
+def _positions(
+    rows: int, kinds: _Kinds, data: bytes, start: int
+) -> tuple[NDArray[np.int64], int] | None:
+    """Return the position [rows, properties] of each property in the data, and that of the end.
+
+    Return None where the data end before the rows do.
+    """
+    steps = [
+        (struct.Struct(length or kind), struct.calcsize(kind), bool(length))
+        for kind, length in kinds
+    ]
+    at = array("q")
+    here = start
+    try:
+        for _ in range(rows):
+            for form, size, is_list in steps:
+                at.append(here)
+                if is_list:
+                    count = int(form.unpack_from(data, here)[0])
+                    if count < 0:
+                        return None
+                    here += form.size + size * count
+                else:
+                    here += size
+            if here > len(data):
+                return None
+    except (struct.error, ValueError, OverflowError):  # a length beyond the end, or no number
+        return None
+    return np.array(at, np.int64).reshape(rows, len(kinds)), here
+
+
+def _numbers_at(data: bytes, kind: str, positions: NDArray[np.int64]) -> NDArray[Any]:
+    """Return the numbers of a type at positions in the data."""
+    size = np.dtype(kind).itemsize
+    if not len(positions):
+        return np.empty(0, kind)
+    # A number begins at each byte, so that each position can be looked up.
+    everywhere = np.ndarray(len(data) - size + 1, kind, data, strides=(1,))
+    return everywhere[positions]
 
 
 def _text_tables(

@@ -1,0 +1,103 @@
+"""Libraries of materials (MTL), to which OBJ files refer."""
+
+from __future__ import annotations
+
+import re
+import shlex
+from collections.abc import Callable
+from dataclasses import dataclass
+
+import numpy as np
+
+# The options of a texture, which stand before its name, and the most values of each.
+_OPTIONS = {
+    "-blendu": 1, "-blendv": 1, "-bm": 1, "-boost": 1, "-cc": 1, "-clamp": 1, "-imfchan": 1,
+    "-mm": 2, "-o": 3, "-s": 3, "-t": 3, "-texres": 1, "-type": 1, "-colorspace": 1,
+}  # fmt: skip
+_OF_NUMBERS = ("-o", "-s", "-t", "-mm")  # these may have fewer values than the most
+_NUMBER = re.compile(r"[+-]?(?:[0-9]+\.?[0-9]*|\.[0-9]+)(?:[eE][+-]?[0-9]+)?")
+
+
+@dataclass
+class Material:
+    """A material of a library, as far as it decides colours.
+
+    diffuse  red, green and blue as bytes (Kd); None where the library has none that can be read
+    texture  the name of the picture of its colours (map_Kd) as the library has it; "" for none
+    scale    the scale of places in the picture (-s), to the right and upwards
+    shift    what is added to them afterwards (-o)
+    """
+
+    diffuse: tuple[int, int, int] | None = None
+    texture: str = ""
+    scale: tuple[float, float] = (1.0, 1.0)
+    shift: tuple[float, float] = (0.0, 0.0)
+
+
+def library_names(text: str, find: Callable[[str], object]) -> list[str]:
+    """Return the names of libraries in the words after `mtllib`.
+
+    A name may have spaces, and a line may have several names: the whole of it counts as one name
+    where `find` knows a file of that name, and where none of its words ends with .mtl but the last.
+    """
+    text = text.strip()
+    if find(text):
+        return [text]
+    quoted = '"' in text
+    words = shlex.split(text.replace("\\", "/")) if text.count('"') % 2 == 0 and quoted else None
+    words = words or text.split()
+    if not quoted and sum(word.lower().endswith(".mtl") for word in words) < 2:
+        return [text]
+    return words
+
+
+def read_materials(data: bytes) -> dict[str, Material]:
+    """Return the materials of a library by name. What cannot be read in it is passed over."""
+    materials: dict[str, Material] = {}
+    material = Material()  # takes what stands before the first name
+    text = data.decode("utf-8-sig", "replace").replace("\\\r\n", " ").replace("\\\n", " ")
+    for line in text.splitlines():
+        keyword, _, rest = line.strip().replace("\t", " ").partition(" ")
+        rest = rest.strip()
+        match keyword.lower():
+            case "newmtl":
+                material = materials.setdefault(rest, Material())
+            case "kd":
+                material.diffuse = _bytes(rest.split()) or material.diffuse
+            case "map_kd":
+                _set_texture(material, rest)
+    return materials
+
+
+def _bytes(fields: list[str]) -> tuple[int, int, int] | None:
+    """Return red, green and blue as bytes from numbers of 0 to 1; None for other words.
+
+    A single number stands for all three, as the format has it.
+    """
+    numbers = [float(field) for field in fields if _NUMBER.fullmatch(field)]
+    if len(numbers) != len(fields) or not numbers:
+        return None
+    channels = (numbers * 3)[:3] if len(numbers) == 1 else numbers[:3]
+    if len(channels) != 3:
+        return None
+    red, green, blue = (int(np.floor(255 * min(1.0, max(0.0, c)) + 0.5)) for c in channels)
+    return red, green, blue
+
+
+def _set_texture(material: Material, text: str) -> None:
+    """Give a material its texture: options, and then a name, which may have spaces."""
+    while (option := text.partition(" ")[0].lower()) in _OPTIONS:
+        text = text.partition(" ")[2].lstrip()
+        values: list[str] = []
+        while len(values) < _OPTIONS[option]:
+            value, _, rest = text.partition(" ")
+            if option in _OF_NUMBERS and not _NUMBER.fullmatch(value):
+                break
+            values.append(value)
+            text = rest.lstrip()
+        numbers = [float(value) for value in values if _NUMBER.fullmatch(value)]
+        if option == "-s" and numbers:
+            material.scale = (numbers[0], numbers[1] if len(numbers) > 1 else 1.0)
+        if option == "-o" and numbers:
+            material.shift = (numbers[0], numbers[1] if len(numbers) > 1 else 0.0)
+    material.texture = text.strip("\"' ")

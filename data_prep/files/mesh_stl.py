@@ -1,0 +1,95 @@
+"""Meshes in STL, binary or text."""
+
+from __future__ import annotations
+
+import re
+
+import numpy as np
+from numpy.typing import NDArray
+
+from data_prep.files.mesh_contents import FaceColors, MeshContents, NotAMesh, grey_faces
+from data_prep.files.polygons import triangles_of_polygons
+from data_prep.files.safe_read import shown
+from data_prep.files.text_numbers import numbers_in
+
+_HEADER_BYTES = 84  # 80 of any text, and the number of triangles
+_FACET = np.dtype([("normal", "<f4", 3), ("corners", "<f4", (3, 3)), ("attribute", "<u2")])
+_VERTEX = re.compile(rb"\bvertex\b", re.IGNORECASE)
+
+
+def read_stl(data: bytes) -> MeshContents:
+    """Return the triangles of an STL, each with corners of its own, in the order of the file.
+
+    A binary file may have colours in the 16 bits behind each triangle, as Materialise Magics writes
+    them with the word COLOR= in the header. A text may go without its last `endsolid`.
+
+    Raises NotAMesh for a file that is cut short, or is neither a binary STL nor one of text.
+    """
+    claimed = int.from_bytes(data[80:_HEADER_BYTES], "little")
+    size = _HEADER_BYTES + claimed * _FACET.itemsize
+    # A binary file may begin with "solid", too, and then its size tells.
+    is_text = data.lstrip()[:5].lower() == b"solid" and len(data) != size
+    if is_text or (b"facet" in data[:1000] and len(data) != size):
+        return _read_text(data)
+    if len(data) < size or len(data) < _HEADER_BYTES:
+        raise NotAMesh(
+            f"no STL of text, and as a binary one it would have {claimed} triangles, {size} bytes, "
+            f"of which {len(data)} are there; it is damaged or cut short, fetch it again"
+        )
+    facets = np.frombuffer(data, _FACET, claimed, _HEADER_BYTES)
+    vertices = facets["corners"].reshape(-1, 3).astype(np.float64)
+    faces = np.arange(len(vertices), dtype=np.int64).reshape(-1, 3)
+    more = len(data) - size
+    notes = (f"{more} bytes behind the last triangle are left out",) if more else ()
+    return MeshContents(vertices, faces, _colors(data[:80], facets["attribute"]), notes)
+
+
+def _colors(header: bytes, attributes: NDArray[np.uint16]) -> FaceColors:
+    """Return the colours of triangles by the rule of Materialise Magics, else neutral grey.
+
+    The header has the colour of the whole object; 15 bits of an attribute are red, green and blue
+    of 5 bits each, from the lowest on, and the highest bit is 0 for a colour of the triangle's own.
+    """
+    start = header.find(b"COLOR=")
+    if not 0 <= start <= len(header) - 10:
+        return grey_faces(len(attributes))
+    of_object = np.frombuffer(header, np.uint8, 3, start + 6)
+    channels = (attributes[:, None] >> np.array([0, 5, 10], np.uint16)) & 31
+    of_face = (channels * 255 // 31).astype(np.uint8)
+    return np.where((attributes >> 15 == 0)[:, None], of_face, of_object)
+
+
+def _read_text(data: bytes) -> MeshContents:
+    """Return the facets of a text. A loop of more than three vertices is divided into triangles."""
+    start = max(0, data.lower().find(b"facet"))  # behind the name of the solid, which may be a word
+    before, *texts = _VERTEX.split(data[start:])
+    if not texts:
+        return MeshContents(np.empty((0, 3)), np.empty((0, 3), np.int64), grey_faces(0))
+    rows = [text.split(None, 3)[:3] for text in texts]
+    text = b" ".join(b" ".join(row) for row in rows).decode("latin-1")
+    table = numbers_in(text)
+    if table is None or table.size != 3 * len(rows):
+        raise _no_numbers(rows)
+    ends = np.flatnonzero([b"endloop" in text.lower() for text in texts]) + 1
+    lengths = np.diff(ends, prepend=0)
+    loops = sum(text.lower().count(b"outer loop") for text in (before, *texts))
+    if len(ends) != loops or ends[-1] != len(rows):
+        raise NotAMesh(
+            f"{loops} loops begin and {len(ends)} end; it is damaged or cut short, fetch it again"
+        )
+    vertices = table.reshape(-1, 3)
+    faces, _ = triangles_of_polygons(vertices, lengths)
+    return MeshContents(vertices, faces, grey_faces(len(faces)))
+
+
+def _no_numbers(rows: list[list[bytes]]) -> NotAMesh:
+    """Return the error on the first vertex that is not three numbers."""
+    for index, row in enumerate(rows):
+        text = b" ".join(row).decode("utf-8", "replace")
+        numbers = numbers_in(text)
+        if numbers is None or numbers.size != 3:
+            comma = "; write numbers with a point, not a comma" if "," in text else ""
+            return NotAMesh(
+                f"vertex {index}: {shown(text)} is not three numbers{comma or '; correct it'}"
+            )
+    return NotAMesh("its vertices are not three numbers each; write the file again")
