@@ -46,13 +46,6 @@ _CUT_AT_POINT = re.compile(r"[+-]?[0-9]+ 0[0-9]+|-0 [0-9]+")
 # A unit behind the name of a column, as in x (m). The x of P[x] is a name.
 _UNIT = re.compile(r"\s*(?:\[(?![xyz]\])[^\]]*\]|\([^)]*\))", re.I)
 _INTRODUCTION = re.compile(r"\w+:\s")  # a word before names, as in Columns: x y z
-# The beginnings of files that other readers can read, if their suffix names the format.
-_OTHERS = {
-    "ply": "PLY", "OFF": "OFF", "COFF": "OFF", "v ": "OBJ", "mtllib ": "OBJ", "solid": "STL",
-    "VERSION": "PCD", "LASF": "LAS", "ASTM": "E57", "\ufffdNUMPY": "NPY",
-}  # fmt: skip
-_PACKED = {"PK\x03": "ZIP or XLSX", "\x1f\ufffd": "GZIP"}
-_NO_COLUMNS = {"[": "JSON or NumPy's print", "{": "JSON", "<": "XML or HTML"}
 _NUMBERS = "write numbers such as -1234.5 or 1e-3, without thousands separators"
 _COMMAS = "commas are taken for decimal marks; if they are none, write numbers without them"
 _UNNAMED = " (x, y and z are the first 3, as no first line names them)"
@@ -235,11 +228,6 @@ def _counts(fields: Sequence[str], start: int) -> bool:
 
 def _check_row(number: int, text: str, fields: Sequence[str]) -> None:
     """Raise NotACloud for a first line without names that does not have three numbers."""
-    others = (_OTHERS, "name it so, or "), (_PACKED, "unpack it, or "), (_NO_COLUMNS, "")
-    for kinds, remedy in others:
-        for start, kind in kinds.items():
-            if text.startswith(start):
-                raise NotACloud(f"its contents are {kind}; {remedy}save columns of numbers")
     if sum(is_number(field.strip()) for field in fields) < min(3, len(fields)):
         raise NotACloud(
             f"line {number}: {shown(text)} is no point, and no names of columns with x, y and z "

@@ -47,6 +47,7 @@ from data_prep.files.cloud_contents import (
 )
 from data_prep.files.cloud_ply import read_ply
 from data_prep.files.cloud_text import PTS_COLOURS, is_number, read_text
+from data_prep.files.file_kinds import START_BYTES, mismatch
 from data_prep.files.meshes import SUFFIXES as MESH_SUFFIXES
 from data_prep.files.safe_read import MIB, files_below, open_file, read_file, reason_of, shown
 from data_prep.scene import Points
@@ -107,7 +108,9 @@ def read_cloud(path: Path, with_colors: bool = False) -> CloudContents:
     try:
         if path.suffix.lower() in _SCANS:
             return read_scan(path, with_colors=with_colors)
-        return _READERS[path.suffix.lower()](read_file(path, MOST_BYTES), with_colors)
+        data = read_file(path, MOST_BYTES)
+        _check_kind(data[:START_BYTES], path)
+        return _READERS[path.suffix.lower()](data, with_colors)
     except NotACloud as problem:
         raise BadInput(f"{path}: {problem}") from problem.__cause__
 
@@ -157,6 +160,12 @@ def check_cloud_name(path: Path) -> None:
     raise BadInput(
         f"{path}: {name} is not supported as a point cloud; use one of " + ", ".join(CLOUD_SUFFIXES)
     )
+
+
+def _check_kind(start: bytes, path: Path) -> None:
+    """Raise BadInput where the first bytes of a file are those of something else."""
+    if problem := mismatch(start, path.suffix):
+        raise BadInput(f"{path}: {problem}")
 
 
 def save_ply(points: Points, path: Path) -> None:
@@ -263,6 +272,8 @@ def read_scan(
     most_bytes, read = _SCANS[path.suffix.lower()]
     try:
         with open_file(path, most_bytes) as file:
+            _check_kind(file.read(START_BYTES), path)
+            file.seek(0)
             table, has_colors, count = read(file, path, limits, with_colors)
     except ImportError as error:
         raise MissingDependency(

@@ -66,7 +66,7 @@ def test_clouds_that_fail_are_listed_and_the_others_drawn(command, plugins, clou
     assert left_out == f"note: {clouds}: {LEFT_OUT}: notes.md, z.npy"
     assert progress[-1].startswith("drawing: 5/5 done, 3 failed")
     assert cut.startswith(f"bench: {clouds}/cut.ply: 3 rows of 'vertex' in the header, and 35 ")
-    assert empty == f"bench: {clouds}/empty.xyz: the cloud has no points (0); give at least two"
+    assert empty == f"bench: {clouds}/empty.xyz: an empty file; fetch or write it again"
     assert high == (
         f"bench: {clouds}/high.xyz: fake-crash-where-high: crash: the worker died (SIGSEGV)"
     )

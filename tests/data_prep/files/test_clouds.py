@@ -378,7 +378,8 @@ def test_nothing_and_what_is_not_finite_are_kept_and_numbers_of_other_types(tmp_
 
 
 BROKEN = {
-    "empty.ply": (b"", "no PLY header"),
+    "empty.ply": (b"", "an empty file; fetch or write it again"),
+    "header.ply": (b"plyformat", "no PLY header"),
     "endless.ply": (b"ply\n" + b"comment x\n" * 9000 + b"end_header\n", "no PLY header"),
     "no-format.ply": (b"ply\nelement vertex 0\nend_header\n", "no format"),
     "format.ply": (ply("ascii", XYZ, b"", 0).replace(b"1.0", b"2.0"), "'format ascii 2.0'"),
@@ -429,7 +430,7 @@ BROKEN = {
     "word.ply": (ply("ascii", XYZ, b"1 2 x\n", 1), "line 9: 'x' is not a number"),
     "short.ply": (ply("ascii", XYZ, b"\n1 2\n", 1), "line 10 has 2 columns, and the header has 3"),
     "long.ply": (ply("ascii", XYZ, b"1 2 3 4\n", 1), "line 9 has 4 columns, and the header has 3"),
-    "empty.npy": (b"", "not a readable NPY"),
+    "empty.npy": (b"\n", "not a readable NPY"),
     "magic.npy": (b"\x93NUMPY\x07\x07" + bytes(90), "not a readable NPY"),
     "four.npy": (npy(np.zeros((5, 4))), r"float64' of shape '\(5, 4\)'; save real numbers"),
     "line.npy": (npy(np.zeros(3)), r"of shape '\(3,\)'"),
@@ -493,12 +494,8 @@ BROKEN = {
     "footer.csv": (b"x,y,z\n1,2,3\nEnd\n", "line 3 has 1 columns, expected 3; correct or remove"),
     "second-line.csv": (b"x,y,z\nm,m,m\n1,2,3\n", "line 2: 'm' is not a number; correct or remove"),
     "grid.txt": (b"18\n19\n0 0 0\n", "line 2 has 1 columns"),
-    "json.txt": (b"[[1, 2, 3]]", "its contents are JSON or NumPy's print; save columns of num"),
-    "mesh.xyz": (b"# Blender\nv 1 2 3\n", "its contents are OBJ; name it so"),
-    "off.xyz": (b"OFF\n3 1 0\n", "its contents are OFF"),
-    "scan.txt": (b"# .PCD v0.7\nVERSION 0.7\n", "its contents are PCD"),
-    "excel.csv": (b"PK\x03\x04\0\0", "its contents are ZIP or XLSX; unpack it, or save columns"),
-    "packed.csv": (b"\x1f\x8b\x08\0\0", "its contents are GZIP"),
+    "packed.csv": (b"\x1f\x8b\x08\0\0", "packed by GZIP; unpack it"),
+    "page.ply": (b"<!DOCTYPE html>", "a web page, which stands for the file; download"),
     "two-headers.csv": (b"x,y,z\nx,y,z\n1,2,3\n", "line 2: 'x' is not a number"),
     "late-header.csv": (b"1,2,3\nx,y,z\n", "line 2: 'x' is not a number"),
     "two.xyz": (b"1 2 3\n1 2\n", "line 2 has 2 columns"),

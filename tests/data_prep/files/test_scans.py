@@ -104,11 +104,15 @@ def test_pcd_and_places_without_a_return(tmp_path: Path) -> None:
 
 
 @pytest.mark.parametrize("suffix", [".las", ".laz", ".e57", ".pcd"])
-@pytest.mark.parametrize("content", [b"nonsense", b"LASF" + b"\xff" * 400])
+@pytest.mark.parametrize(
+    "content", [b"nonsense", b"LASF" + b"\xff" * 400], ids=["nonsense", "of-a-las"]
+)
 def test_files_that_cannot_be_read(tmp_path: Path, suffix: str, content: bytes) -> None:
     path = tmp_path / f"a{suffix}"
     path.write_bytes(content)
-    with pytest.raises(BadInput, match=rf"a\{suffix}: not a readable {suffix[1:].upper()} file"):
+    is_las = content.startswith(b"LASF") and suffix not in (".las", ".laz")
+    problem = "a LAS by its contents" if is_las else f"not a readable {suffix[1:].upper()} file"
+    with pytest.raises(BadInput, match=rf"a\{suffix}: {problem}"):
         load_points(path)
     with pytest.raises(BadInput, match="no such file"):
         load_points(tmp_path / f"gone{suffix}")
@@ -133,7 +137,7 @@ def test_files_cut_short_and_claims_are_not_believed(tmp_path: Path) -> None:
     ("suffix", "package"), [(".laz", "laspy"), (".e57", "pye57"), (".pcd", "pypcd4")]
 )
 def test_a_missing_extra_is_named(tmp_path: Path, monkeypatch, suffix: str, package: str) -> None:
-    (tmp_path / f"a{suffix}").touch()
+    (tmp_path / f"a{suffix}").write_bytes(b"nonsense")
     real = builtins.__import__
 
     def without(name: str, *args, **kwargs):
