@@ -5,7 +5,7 @@ from __future__ import annotations
 import re
 from collections.abc import Sequence
 from dataclasses import dataclass
-from typing import Any
+from typing import Any, NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
@@ -77,6 +77,23 @@ class CloudContents:
         )
 
 
+class ScanPoints(NamedTuple):
+    """The points of a scan.
+
+    table       array [N, 3], or [N, 6] with colours
+    has_colors  whether the file has colours
+    in_file     the number of points in the file, of which N may be a part
+    whole       whether colours are whole numbers in the file
+    notes       lines for the user, as those of `CloudContents`
+    """
+
+    table: NDArray[np.float64]
+    has_colors: bool
+    in_file: int
+    whole: bool = True
+    notes: tuple[str, ...] = ()
+
+
 def contents_of(
     table: NDArray[Any], has_colors: bool, whole: bool = False, **others: Any
 ) -> CloudContents:
@@ -91,6 +108,12 @@ class NotACloud(Exception):
 
     `read_cloud` adds the name of the file.
     """
+
+
+def check_claim(count: int, most: int) -> None:
+    """Raise NotACloud where a file claims more points than `most`, or a negative number."""
+    if not 0 <= count <= most:
+        raise NotACloud(f"{count} points, at most {most} are read; thin it out")
 
 
 def axis_columns(names: Sequence[str]) -> tuple[int, ...]:

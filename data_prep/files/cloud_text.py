@@ -21,11 +21,11 @@ from data_prep.files.cloud_contents import (
     color_columns,
     contents_of,
 )
+from data_prep.files.plain_rows import MOST_LINE_LENGTH
 from data_prep.files.safe_read import MIB, shown
 
 # The largest text: 2 million points in lines of the usual length, which take some 10 s to read.
 MOST_TEXT_BYTES = 64 * MIB
-_MOST_LINE_LENGTH = 2**16  # the most characters in a line: a longer one is no row of a table
 HEAD = 64  # the number of first rows that are looked at to find out how rows are written
 # The columns that hold colours where no line names the columns, by the number of columns. Where
 # there are seven, the last one of an XYZ is the opacity, and the fourth of a PTS the intensity.
@@ -345,7 +345,7 @@ def text_lines(data: bytes, encoding: str = "latin-1") -> Iterator[tuple[int, st
         raise NotACloud(f"{len(data)} bytes of text, at most {MOST_TEXT_BYTES} are read; use NPY")
     file = io.TextIOWrapper(io.BytesIO(data), encoding, errors="replace")
     for number, line in enumerate(file, 1):
-        if len(line) > _MOST_LINE_LENGTH:
+        if len(line) > MOST_LINE_LENGTH:
             raise NotACloud(f"line {number} has {len(line)} characters, more than a row; break it")
         yield number, line
 

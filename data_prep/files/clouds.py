@@ -4,11 +4,11 @@ Formats: PLY (x, y and z of the vertices), NPY, text in columns (XYZ, TXT, CSV, 
 formats of scanners. Except for scanners, memory is taken for the values in the file, never for the
 sizes that it claims.
 
-Scans are read by the libraries of the extra `clouds`:
+Scans are read by the libraries of the extra `clouds`, but for PCD that is not compressed:
 
     LAS, LAZ  laspy with lazrs, piece by piece
     E57       pye57; all scans, each placed by its pose, without points marked as invalid
-    PCD       pypcd4; without points of three NaN, which an organised cloud has for no return
+    PCD       python-neo-lzf, for the blocks of compressed ones
 
 Of scans of more than two million points as many are read, chosen at random, and a note says so.
 The libraries are not written for untrusted files: they belong into a worker with limits, as in
@@ -31,7 +31,6 @@ from pathlib import Path
 from typing import Any
 
 import numpy as np
-from numpy.typing import NDArray
 
 from data_prep.clouds.sampling import random_rows
 from data_prep.failures import BadInput, MissingDependency
@@ -41,10 +40,13 @@ from data_prep.files.cloud_contents import (
     CloudContents,
     CloudPoints,
     NotACloud,
+    ScanPoints,
     axis_columns,
+    check_claim,
     color_columns,
     contents_of,
 )
+from data_prep.files.cloud_pcd import read_pcd
 from data_prep.files.cloud_ply import read_ply
 from data_prep.files.cloud_text import PTS_COLOURS, is_number, read_text
 from data_prep.files.file_kinds import START_BYTES, mismatch
@@ -57,9 +59,6 @@ MOST_BYTES = 256 * MIB
 _MOST_SCAN_BYTES = 2048 * MIB  # the largest LAS or LAZ, which are read piece by piece
 _MOST_BYTES_AT_ONCE = 512 * MIB  # the largest E57 or PCD, which are read at once
 _RECORD_HEADER_BYTES = 54  # the size of the header of a variable-length record in a LAS
-# What a reader of scans returns: the points [N, 3], or [N, 6] with colours; whether the file has
-# colours; the number of points in the file.
-_Scan = tuple[NDArray[np.float64], bool, int]
 
 # Suffixes of texts that may as well be a README or a list: only those with rows of numbers are
 # taken for clouds where a folder is searched.
@@ -274,12 +273,14 @@ def read_scan(
         with open_file(path, most_bytes) as file:
             _check_kind(file.read(START_BYTES), path)
             file.seek(0)
-            table, has_colors, count = read(file, path, limits, with_colors)
+            scan = read(file, path, limits, with_colors)
     except ImportError as error:
         raise MissingDependency(
             f"{path}: reading {path.suffix.lower()} needs {error.name}; "
             "install it with: pip install 'pc2pix-bench[clouds]'"
         ) from error
+    except NotACloud as problem:
+        raise BadInput(f"{path}: {problem}") from problem.__cause__
     except BadInput:
         raise
     except Exception as error:  # the parsers of the libraries may raise any exception
@@ -287,14 +288,17 @@ def read_scan(
         raise BadInput(
             f"{path}: not a readable {kind} file ({reason_of(error)}); fetch it again"
         ) from error
-    unused = (COLOURS,) if has_colors else ()
-    notes: tuple[str, ...] = ()
-    if len(table) < count:
-        notes = (f"a scan of {count} points: {len(table)} of them, chosen at random, are read",)
-    return contents_of(table, has_colors, whole=True, unused=unused, notes=notes)
+    notes = scan.notes
+    if len(scan.table) < scan.in_file:
+        read_of_them = f"{len(scan.table)} of them, chosen at random, are read"
+        notes += (f"a scan of {scan.in_file} points: {read_of_them}",)
+    unused = (COLOURS,) if scan.has_colors else ()
+    return contents_of(scan.table, scan.has_colors, scan.whole, unused=unused, notes=notes)
 
 
-def _read_las(file: io.BufferedReader, path: Path, limits: ScanLimits, with_colors: bool) -> _Scan:
+def _read_las(
+    file: io.BufferedReader, path: Path, limits: ScanLimits, with_colors: bool
+) -> ScanPoints:
     import laspy
 
     # laspy takes memory for as many variable-length records as the header says.
@@ -309,7 +313,7 @@ def _read_las(file: io.BufferedReader, path: Path, limits: ScanLimits, with_colo
         if with_colors and has_colors:
             columns += ["red", "green", "blue"]
         count, seen = las.header.point_count, 0
-        _check_claim(path, count, limits.claimed_in_pieces)
+        check_claim(count, limits.claimed_in_pieces)
         rows = random_rows(count, limits.kept)
         kept = [np.empty((0, len(columns)))]
         for piece in las.chunk_iterator(limits.piece):
@@ -317,18 +321,20 @@ def _read_las(file: io.BufferedReader, path: Path, limits: ScanLimits, with_colo
             first, last = np.searchsorted(rows, (seen, seen + len(points)))
             kept.append(points[rows[first:last] - seen])
             seen += len(points)
-    _check_count(path, count, seen)
-    return np.concatenate(kept), has_colors, count
+    _check_count(count, seen)
+    return ScanPoints(np.concatenate(kept), has_colors, count)
 
 
-def _read_e57(file: io.BufferedReader, path: Path, limits: ScanLimits, with_colors: bool) -> _Scan:
+def _read_e57(
+    file: io.BufferedReader, path: Path, limits: ScanLimits, with_colors: bool
+) -> ScanPoints:
     import pye57
 
     axes = "cartesianX", "cartesianY", "cartesianZ"
     channels = "colorRed", "colorGreen", "colorBlue"
     with closing(pye57.E57(str(path))) as e57:
         headers = [e57.get_header(i) for i in range(e57.scan_count)]
-        _check_claim(path, sum(header.point_count for header in headers), limits.claimed)
+        check_claim(sum(header.point_count for header in headers), limits.claimed)
         has_colors = any(channels[0] in header.point_fields for header in headers)
         columns = axes + channels if with_colors and has_colors else axes
         scans = [
@@ -341,43 +347,20 @@ def _read_e57(file: io.BufferedReader, path: Path, limits: ScanLimits, with_colo
         black = np.zeros(len(scan[axes[0]]))
         parts.append(np.stack([scan.get(name, black) for name in columns], axis=1))
     points = np.concatenate(parts)
-    return points[random_rows(len(points), limits.kept)], has_colors, len(points)
+    return ScanPoints(points[random_rows(len(points), limits.kept)], has_colors, len(points))
 
 
-def _read_pcd(file: io.BufferedReader, path: Path, limits: ScanLimits, with_colors: bool) -> _Scan:
-    from pypcd4.pypcd4 import PointCloud
-
-    claimed = 0
-    for line in file:
-        if line.startswith(b"POINTS"):
-            claimed = int(line.split()[1])
-            _check_claim(path, claimed, limits.claimed)
-        if line.startswith(b"DATA"):
-            break
-    file.seek(0)
-    cloud = PointCloud.from_fileobj(file)
-    _check_count(path, claimed, len(cloud.pc_data))  # the library accepts a binary file that is cut
-    points = cloud.numpy(("x", "y", "z")).astype(np.float64)
-    packed = next((name for name in ("rgb", "rgba") if name in cloud.fields), None)
-    if packed and with_colors:  # the four bytes of a number hold red, green and blue
-        bits = np.ascontiguousarray(cloud.pc_data[packed]).view(np.uint32).reshape(-1)
-        channels = (bits[:, None] >> np.array([16, 8, 0], np.uint32)) & 255
-        points = np.concatenate([points, channels.astype(np.float64)], axis=1)
-    points = points[~np.isnan(points[:, :3]).all(axis=1)]
-    return points[random_rows(len(points), limits.kept)], packed is not None, len(points)
+def _read_pcd(
+    file: io.BufferedReader, path: Path, limits: ScanLimits, with_colors: bool
+) -> ScanPoints:
+    scan = read_pcd(file.read(), limits.claimed, with_colors)
+    return scan._replace(table=scan.table[random_rows(scan.in_file, limits.kept)])
 
 
-def _check_claim(path: Path, count: int, most: int) -> None:
-    """Raise BadInput where a file claims more points than `most`, or a negative number."""
-    if not 0 <= count <= most:
-        raise BadInput(f"{path}: {count} points, at most {most} are read; thin it out")
-
-
-def _check_count(path: Path, claimed: int, count: int) -> None:
+def _check_count(claimed: int, count: int) -> None:
     if count != claimed:
-        raise BadInput(
-            f"{path}: {claimed} points in the header, {count} in the file; it is cut short, fetch "
-            "it again"
+        raise NotACloud(
+            f"{claimed} points in the header, {count} in the file; it is cut short, fetch it again"
         )
 
 

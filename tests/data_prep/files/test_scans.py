@@ -10,10 +10,11 @@ from data_prep.clouds.sampling import random_rows
 from data_prep.failures import BadInput, MissingDependency
 from data_prep.files.cloud_contents import COLOURS
 from data_prep.files.clouds import ScanLimits, load_points, read_cloud, read_scan
+from tests.data_prep.files.pcd_files import pcd
 
 laspy = pytest.importorskip("laspy", reason="the extra 'clouds' is not installed")
 pye57 = pytest.importorskip("pye57", reason="the extra 'clouds' is not installed")
-pypcd4 = pytest.importorskip("pypcd4", reason="the extra 'clouds' is not installed")
+pytest.importorskip("lzf", reason="the extra 'clouds' is not installed")
 
 POINTS = np.random.default_rng(0).integers(-4000, 4000, (1000, 3)) / 8.0  # exact in every format
 
@@ -34,11 +35,9 @@ def write_e57(path: Path, *scans: np.ndarray, **pose) -> None:
     file.close()
 
 
-def write_pcd(path: Path, points: np.ndarray = POINTS, encoding: str = "BINARY") -> None:
-    from pypcd4 import Encoding
-
-    cloud = pypcd4.PointCloud.from_xyz_points(points.astype(np.float32))
-    cloud.save(path, Encoding[encoding])
+def write_pcd(path: Path, points: np.ndarray = POINTS, encoding: str = "binary") -> None:
+    x, y, z = points.astype("<f4").T
+    path.write_bytes(pcd({"x": x, "y": y, "z": z}, encoding))
 
 
 def test_las_and_large_ones_thinned_out(tmp_path: Path) -> None:
@@ -90,7 +89,7 @@ def test_scans_of_an_e57_stand_where_their_pose_puts_them(tmp_path: Path) -> Non
 
 
 def test_pcd_and_places_without_a_return(tmp_path: Path) -> None:
-    for encoding in ("ASCII", "BINARY", "BINARY_COMPRESSED"):
+    for encoding in ("ascii", "binary", "binary_compressed"):
         write_pcd(tmp_path / "a.pcd", encoding=encoding)
         assert np.array_equal(load_points(tmp_path / "a.pcd"), POINTS)
     points = POINTS.copy()
@@ -111,7 +110,11 @@ def test_files_that_cannot_be_read(tmp_path: Path, suffix: str, content: bytes) 
     path = tmp_path / f"a{suffix}"
     path.write_bytes(content)
     is_las = content.startswith(b"LASF") and suffix not in (".las", ".laz")
-    problem = "a LAS by its contents" if is_las else f"not a readable {suffix[1:].upper()} file"
+    problem = f"not a readable {suffix[1:].upper()} file"
+    if is_las:
+        problem = "a LAS by its contents"
+    elif suffix == ".pcd":
+        problem = "no PCD header"
     with pytest.raises(BadInput, match=rf"a\{suffix}: {problem}"):
         load_points(path)
     with pytest.raises(BadInput, match="no such file"):
@@ -134,10 +137,12 @@ def test_files_cut_short_and_claims_are_not_believed(tmp_path: Path) -> None:
 
 
 @pytest.mark.parametrize(
-    ("suffix", "package"), [(".laz", "laspy"), (".e57", "pye57"), (".pcd", "pypcd4")]
+    ("suffix", "package"), [(".laz", "laspy"), (".e57", "pye57"), (".pcd", "lzf")]
 )
 def test_a_missing_extra_is_named(tmp_path: Path, monkeypatch, suffix: str, package: str) -> None:
-    (tmp_path / f"a{suffix}").write_bytes(b"nonsense")
+    write_pcd(tmp_path / "a.pcd", encoding="binary_compressed")
+    if suffix != ".pcd":
+        (tmp_path / f"a{suffix}").write_bytes(b"nonsense")
     real = builtins.__import__
 
     def without(name: str, *args, **kwargs):
@@ -171,10 +176,9 @@ def test_colours(tmp_path: Path) -> None:
     las = laspy.read(tmp_path / "a.las")
     las.red, las.green, las.blue = 257 * colours.T
     las.write(str(tmp_path / "a.las"))
-    packed = pypcd4.PointCloud.encode_rgb(colours)
-    pypcd4.PointCloud.from_xyzrgb_points(np.column_stack([POINTS.astype(np.float32), packed])).save(
-        tmp_path / "a.pcd"
-    )
+    packed = colours.astype("<u4") @ np.array([1 << 16, 1 << 8, 1], "<u4")
+    x, y, z = POINTS.astype("<f4").T
+    (tmp_path / "a.pcd").write_bytes(pcd({"x": x, "y": y, "z": z, "rgb": packed.view("<f4")}))
     file = pye57.E57(str(tmp_path / "a.e57"), mode="w")
     names = ("cartesianX", "cartesianY", "cartesianZ", "colorRed", "colorGreen", "colorBlue")
     columns = (*POINTS.T, *colours.T.astype(np.uint8))
