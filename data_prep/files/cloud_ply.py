@@ -47,6 +47,7 @@ _PLY_TYPES = {
     "int8": "b", "uint8": "B", "int16": "h", "uint16": "H", "int32": "i", "uint32": "I",
     "int64": "q", "uint64": "Q", "float": "f", "double": "d", "float32": "f", "float64": "d",
 }  # fmt: skip
+_KEYWORDS = ("ply", "format", "element", "property", "end_header")
 _WHOLE = "bBhHiIqQ"  # the letters of the types of whole numbers
 # Gaussian splats have colours as coefficients of the first spherical harmonic, which is constant,
 # and the value of that harmonic, 1 / (2 sqrt(pi)).
@@ -278,6 +279,8 @@ def _ply_header(text: bytes) -> tuple[str, list[_Element]]:
                 elements[-1].properties.append(_Property(name.lower(), *kinds))
             case ["property", kind, name] if elements and kind in _PLY_TYPES:
                 elements[-1].properties.append(_Property(name.lower(), _PLY_TYPES[kind]))
+            case [word, *_] if word not in _KEYWORDS:
+                pass  # a comment whose keyword is missing, as Blender 2.47 writes it
             case _:
                 raise NotACloud(f"{shown(line)} in the PLY header; write the file again")
     if byte_order is None:

@@ -114,22 +114,26 @@ class GltfFile:
             raise NotAMesh(f"it has no {kind}[{index}], which it refers to; write the file again")
         return elements[index]
 
-    def resource(self, uri: str) -> bytes | None:
-        """Return the bytes behind a URI: embedded, or of a file beside; None where none is."""
-        if not uri.startswith("data:"):
-            return self._resources.read(unquote(uri))
+    def resource(self, name: str) -> bytes | None:
+        """Return the bytes that a data URI has, or a file beside; None where there are none."""
+        if not name.startswith("data:"):
+            return self._resources.read(name)
         try:
-            return base64.b64decode(uri.partition(",")[2])
+            return base64.b64decode(name.partition(",")[2])
         except (binascii.Error, ValueError):
             return None
 
     def _read_buffer(self, index: int) -> bytes:
         buffer = self.element("buffers", index)
-        uri = buffer.get("uri")
-        data = self._binary if uri is None else self.resource(uri)
+        name = resource_name(buffer.get("uri"))
+        data = self._binary if name is None else self.resource(name)
+        if data is None and name is None:
+            raise NotAMesh(f"its buffer {index} is in no file; write the file again")
         if data is None:
-            name = f"the file {shown(unquote(uri)[:80])}" if uri else "binary part"
-            raise NotAMesh(f"its buffer {index}, {name}, is not there; put it beside this file")
+            raise NotAMesh(
+                f"its buffer {index}, the file {shown(str(name))}, is not there; put it "
+                "beside this one"
+            )
         if len(data) < buffer["byteLength"]:
             raise NotAMesh(
                 f"its buffer {index} has {len(data)} bytes, expected {buffer['byteLength']}; it is "
@@ -191,6 +195,11 @@ class GltfFile:
         data = self.buffer_view(part["bufferView"])
         stride = kind.itemsize * columns
         return _strided(data, kind, (count, columns), part.get("byteOffset", 0), stride)
+
+
+def resource_name(uri: str | None) -> str | None:
+    """Return the name of a file that a URI has; a data URI as it is; None for None."""
+    return uri if uri is None or uri.startswith("data:") else unquote(uri)
 
 
 def _strided(

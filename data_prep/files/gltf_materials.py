@@ -8,7 +8,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from data_prep.failures import BadInput
-from data_prep.files.gltf_file import GltfFile
+from data_prep.files.gltf_file import GltfFile, resource_name
 from data_prep.files.mesh_contents import FaceColors, NotAMesh, grey_faces
 from data_prep.files.safe_read import reason_of
 from data_prep.files.textures import TextureReader, colors_at
@@ -89,8 +89,8 @@ class GltfMaterials:
         source = of_file.get("extensions", {}).get(_WEBP, of_file).get("source")
         if source is None or f"TEXCOORD_{number}" not in attributes:
             return None
-        uri = self._file.element("images", source).get("uri")
-        pixels = self._textures.pixels(uri or f"images[{source}]")
+        name = resource_name(self._file.element("images", source).get("uri"))
+        pixels = self._textures.pixels(name or f"images[{source}]")
         if pixels is None:
             return None
         corners = self._file.numbers(attributes[f"TEXCOORD_{number}"]).astype(np.float64)
@@ -103,7 +103,7 @@ class GltfMaterials:
         return colors_at(pixels, places)
 
     def _bytes(self, name: str) -> bytes | None:
-        """Return the bytes of an image by its URI, or by "images[N]" of one without."""
+        """Return the bytes of an image by its name, or by "images[N]" of one without."""
         if not name.startswith("images["):
             return self._file.resource(name)
         image = self._file.element("images", int(name[7:-1]))

@@ -14,7 +14,8 @@ from data_prep.files.text_numbers import numbers_in
 
 _HEADER_BYTES = 84  # 80 of any text, and the number of triangles
 _FACET = np.dtype([("normal", "<f4", 3), ("corners", "<f4", (3, 3)), ("attribute", "<u2")])
-_VERTEX = re.compile(rb"\bvertex\b", re.IGNORECASE)
+_BEGIN = re.compile(r"outer\s+loop")
+_LOOP = re.compile(r"outer\s+loop(.*?)endloop", re.DOTALL)  # names of solids may be any words
 
 
 def read_stl(data: bytes) -> MeshContents:
@@ -61,35 +62,30 @@ def _colors(header: bytes, attributes: NDArray[np.uint16]) -> FaceColors:
 
 def _read_text(data: bytes) -> MeshContents:
     """Return the facets of a text. A loop of more than three vertices is divided into triangles."""
-    start = max(0, data.lower().find(b"facet"))  # behind the name of the solid, which may be a word
-    before, *texts = _VERTEX.split(data[start:])
-    if not texts:
-        return MeshContents(np.empty((0, 3)), np.empty((0, 3), np.int64), grey_faces(0))
-    rows = [text.split(None, 3)[:3] for text in texts]
-    text = b" ".join(b" ".join(row) for row in rows).decode("latin-1")
-    table = numbers_in(text)
-    if table is None or table.size != 3 * len(rows):
-        raise _no_numbers(rows)
-    ends = np.flatnonzero([b"endloop" in text.lower() for text in texts]) + 1
-    lengths = np.diff(ends, prepend=0)
-    loops = sum(text.lower().count(b"outer loop") for text in (before, *texts))
-    if len(ends) != loops or ends[-1] != len(rows):
+    text = data.lower().decode("latin-1")
+    loops = _LOOP.findall(text)
+    begun = len(_BEGIN.findall(text))
+    if begun != len(loops):
         raise NotAMesh(
-            f"{loops} loops begin and {len(ends)} end; it is damaged or cut short, fetch it again"
+            f"{begun} loops begin and {len(loops)} end; it is damaged or cut short, fetch it again"
         )
+    corners = [loop.split("vertex")[1:] for loop in loops]
+    rows = [row for loop in corners for row in loop]
+    lengths = np.array([len(loop) for loop in corners], np.int64)
+    table = numbers_in(" ".join(rows))
+    if table is None or table.size != 3 * len(rows) or any(len(row.split()) != 3 for row in rows):
+        raise _no_numbers(rows)
     vertices = table.reshape(-1, 3)
     faces, _ = triangles_of_polygons(vertices, lengths)
     return MeshContents(vertices, faces, grey_faces(len(faces)))
 
 
-def _no_numbers(rows: list[list[bytes]]) -> NotAMesh:
+def _no_numbers(rows: list[str]) -> NotAMesh:
     """Return the error on the first vertex that is not three numbers."""
     for index, row in enumerate(rows):
-        text = b" ".join(row).decode("utf-8", "replace")
+        text = " ".join(row.split())
         numbers = numbers_in(text)
         if numbers is None or numbers.size != 3:
-            comma = "; write numbers with a point, not a comma" if "," in text else ""
-            return NotAMesh(
-                f"vertex {index}: {shown(text)} is not three numbers{comma or '; correct it'}"
-            )
+            remedy = "write numbers with a point, not a comma" if "," in text else "correct it"
+            return NotAMesh(f"vertex {index}: {shown(text)} is not three numbers; {remedy}")
     return NotAMesh("its vertices are not three numbers each; write the file again")

@@ -17,6 +17,7 @@ from data_prep.clouds.sampling import face_areas
 from data_prep.failures import BadInput, NoFaces
 from data_prep.files.cloud_contents import NotACloud
 from data_prep.files.cloud_ply import read_ply
+from data_prep.files.file_kinds import START_BYTES, mismatch
 from data_prep.files.mesh_contents import MeshContents, NotAMesh, corner_means, grey_faces
 from data_prep.files.mesh_gltf import read_gltf
 from data_prep.files.mesh_obj import read_obj
@@ -80,6 +81,8 @@ def read_contents(path: Path, within: Path | None = None) -> MeshContents:
     if path.suffix.lower() not in SUFFIXES:
         raise BadInput(f"{path}: no mesh by its name; use one of {', '.join(SUFFIXES)}")
     data = read_file(path, MOST_BYTES)
+    if problem := mismatch(data[:START_BYTES], path.suffix):
+        raise BadInput(f"{path}: {problem}")
     resources = MeshResources(path.parent, MOST_BYTES, within)
     try:
         contents = _READERS[path.suffix.lower()](data, resources)

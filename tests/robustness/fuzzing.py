@@ -113,13 +113,24 @@ def gltf_tree(blob: bytes, **buffer: object) -> dict[str, Any]:
         "scene": 0,
         "scenes": [{"nodes": [0]}],
         "nodes": [{"mesh": 0, "scale": [1, 2, 3]}],
-        "meshes": [{"primitives": [{"attributes": {"POSITION": 0}, "indices": 1, "material": 0}]}],
+        "meshes": [
+            {
+                "primitives": [
+                    {
+                        "attributes": {"POSITION": 0, "TEXCOORD_0": 2},
+                        "indices": 1,
+                        "material": 0,
+                    }
+                ]
+            }
+        ],
         "materials": [{"pbrMetallicRoughness": {"baseColorTexture": {"index": 0}}}],
         "textures": [{"source": 0}],
         "images": [{"bufferView": 2, "mimeType": "image/png"}],
         "accessors": [
             {"bufferView": 0, "componentType": 5126, "count": 4, "type": "VEC3"},
             {"bufferView": 1, "componentType": 5123, "count": 12, "type": "SCALAR"},
+            {"bufferView": 0, "componentType": 5126, "count": 4, "type": "VEC2"},
         ],
         "bufferViews": [
             {"buffer": 0, "byteOffset": start, "byteLength": end - start}

@@ -223,7 +223,7 @@ STL = "solid a\nfacet normal 0 0 1\nouter loop\n{}endloop\nendfacet\nendsolid a\
 BROKEN = {
     "text.ply": ("hello world\n" * 5, "no PLY header"),
     "text.stl": ("hello world\n" * 5, "no STL of text, and as a binary one"),
-    "empty.ply": ("", "no PLY header"),
+    "empty.ply": ("", "an empty file; fetch or write it again"),
     "bytes.stl": (bytes(range(256)) * 9, "no STL of text, and as a binary one it would have"),
     "cut-0.99.ply": (truncated(".ply", 0.99), "12 rows of 'face' .* cut short"),
     "cut-0.5.stl": (truncated(".stl", 0.5), "12 triangles, 684 bytes, of which 342 are there"),
@@ -251,7 +251,7 @@ BROKEN = {
             np.zeros(12, "<u2"),
             buffers=[{"byteLength": 9, "uri": "x.bin"}],
         ),
-        "its buffer 0, the file 'x.bin', is not there; put it beside this file",
+        "its buffer 0, the file 'x.bin', is not there; put it beside this one",
     ),
     "mesh.txt": ("0 0 0\n1 0 0\n", "no mesh by its name"),
     "mesh": ("", r"no mesh by its name; use one of \.ply, \.obj, \.off, \.stl, \.glb, \.gltf"),

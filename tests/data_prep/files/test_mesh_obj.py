@@ -1,0 +1,170 @@
+"""OBJ files as people and programs write them."""
+
+from __future__ import annotations
+
+from pathlib import Path
+
+import numpy as np
+import pytest
+from PIL import Image
+
+from data_prep.failures import BadInput
+from data_prep.files.meshes import read_contents
+from data_prep.scene import NEUTRAL_GREY
+
+GREY, RED, BLUE, GREEN = list(NEUTRAL_GREY), [255, 0, 0], [0, 0, 255], [0, 255, 0]
+V = "v 0 0 0\nv 1 0 0\nv 1 1 0\nv 0 1 0\n"
+VT = "vt .2 .2\nvt .2 .3\nvt .3 .2\nvt .8 .2\nvt .8 .3\nvt .9 .2\n"
+TWO = "usemtl red\nf 1 2 3\nusemtl blue\nf 1 3 4\n"
+KD = "newmtl red\nKd 1 0 0\nnewmtl blue\nKd 0 0 1\n"
+
+
+def read(folder: Path, text: str | bytes, **files: str | bytes):
+    """The contents of an OBJ; underscores in names of files stand for a point."""
+    for name, content in {"a.obj": text, **files}.items():
+        path = folder / name.replace("_", ".")
+        path.write_bytes(content if isinstance(content, bytes) else content.encode())
+    return read_contents(folder / "a.obj")
+
+
+@pytest.mark.parametrize(
+    ("text", "faces"),
+    [
+        (V + "f 1 2 3\nf 1/9 3/9 4/9\n", [[0, 1, 2], [0, 2, 3]]),
+        (V + "f 1//2 2//2 3//2\n", [[0, 1, 2]]),
+        (V + VT + "f 1/1/1 2/2/1 3/3/1 4/4/1\n", [[0, 1, 2], [0, 2, 3]]),
+        (V + "f -4 -3 -2\nv 9 9 9\nf -5/1 -4/1 -1/1\n", [[0, 1, 2], [0, 1, 4]]),
+        (V + "f 1 2 3\nf -4 -2 -1\n", [[0, 1, 2], [0, 2, 3]]),
+        ("\ufeff#x\r\n" + V.replace("\n", "\r\n") + "f 1 2 \\\r\n3\r\n", [[0, 1, 2]]),
+        (V.replace(" ", "\t  ").replace("\n", " # 1\n") + "\n  f\t1 2\t3 #\n", [[0, 1, 2]]),
+        (V.replace("\n", "\r") + "f 1 2 3\rf 1 2\rl 1 2\rp 1\rfo 1 3 4\r", [[0, 1, 2], [0, 2, 3]]),
+        (V + "vn -1.#IND 0 0\nvn x\ng a b\ns off\no\nf 1//1 2//1 3//1\n", [[0, 1, 2]]),
+        (V + "f 1/2/3 2//3 3/1 4\n", [[0, 1, 2], [0, 2, 3]]),
+        ("v 0 0 0 1\nv 1 0 0 1.0\nv 0 1 0 0.5\nf 1 2 3\n", [[0, 1, 2]]),
+        # Rows that have the same number of slashes, and not at the same places.
+        (V + "f 1/2/3 2 4/5/6\nf 1 2/1/1 4 3//3\n", [[0, 1, 3], [0, 1, 3], [0, 3, 2]]),
+    ],
+)
+def test_faces(tmp_path: Path, text: str, faces: list) -> None:
+    contents = read(tmp_path, text)
+    assert contents.faces.tolist() == faces
+    assert contents.vertices[:2].tolist() == [[0, 0, 0], [1, 0, 0]]
+    assert contents.notes == ()
+
+
+@pytest.mark.parametrize(
+    ("library", "name"),
+    [
+        ("mtllib a.mtl", "a_mtl"),
+        ("mtllib b.mtl a.mtl", "a_mtl"),
+        ("mtllib gone.mtl\nmtllib a.mtl", "a_mtl"),
+        ('mtllib "a.mtl"', "a_mtl"),
+        ('mtllib "my own.mtl" "a.mtl"', "a_mtl"),
+        ("mtllib my own.mtl", "my own_mtl"),
+        ("mtllib A.MTL", "a_mtl"),
+        ("mtllib a.mtl", "A_Mtl"),
+        (r"mtllib C:\Users\me\a.mtl", "a_mtl"),
+        (r"mtllib .\a.mtl", "a_mtl"),
+        ("mtllib ./sub/../a.mtl", "a_mtl"),
+        ("mtllib /home/me/a.mtl", "a_mtl"),
+    ],
+)
+def test_materials_are_found_as_people_name_them(tmp_path: Path, library: str, name: str) -> None:
+    contents = read(tmp_path, f"{library}\n{V}{TWO}", **{name: KD})
+    assert contents.face_colors.tolist() == [RED, BLUE]
+
+
+@pytest.mark.parametrize(
+    ("obj", "mtl", "colors", "note"),
+    [
+        (TWO, None, [GREY, GREY], "the materials 'a.mtl' are not there"),
+        (TWO, "newmtl red\nKd 1 0 0\n", [RED, GREY], "the material 'blue' is in none of its"),
+        (TWO, KD.upper().replace("NEWMTL", "newmtl"), [RED, BLUE], None),
+        (TWO, "newmtl red\nKd 1\nnewmtl blue\nKd xyz 1 1 1\n", [[255] * 3, GREY], None),
+        ("f 1 2 3\n" + TWO, KD, [GREY, RED, BLUE], None),
+        ("usemtl red\nusemtl blue\nf 1 2 3 4\n", KD, [BLUE, BLUE], None),
+        ("usemtl my red\nf 1 2 3\n", "newmtl my red\nKd 2 -1 .5\n", [[255, 0, 128]], None),
+        ("cstype bezier\nsurf 0 1 0 1 1 2 3 4\nf 1 2 3\n", KD, [GREY], "no polygons are left out"),
+    ],
+)
+def test_diffuse_colours(tmp_path: Path, obj: str, mtl: str | None, colors, note) -> None:
+    contents = read(tmp_path, f"mtllib a.mtl\n{V}{obj}", **({} if mtl is None else {"a_mtl": mtl}))
+    assert contents.face_colors.tolist() == colors
+    assert len(contents.notes) == (note is not None)
+    assert note is None or note in contents.notes[0]
+
+
+@pytest.mark.parametrize(
+    ("texture", "colors"),
+    [
+        ("map_Kd paint.png", [RED, BLUE]),
+        ("map_Kd -clamp on -mm 0 1 -bm 2.5 paint.png", [RED, BLUE]),
+        ("map_Kd -s -1 1 1 paint.png", [BLUE, RED]),  # .23 mirrored is .77 of the next repetition
+        ("map_Kd -o .5 0 0 paint.png", [BLUE, RED]),
+        ("map_kd C:\\textures\\PAINT.PNG", [RED, BLUE]),
+        ('map_Kd "paint.png"', [RED, BLUE]),
+        ("map_Kd gone.png", [GREEN, GREEN]),
+    ],
+)
+def test_textures(tmp_path: Path, texture: str, colors: list) -> None:
+    image = Image.new("RGB", (4, 2), tuple(RED))
+    image.paste(tuple(BLUE), (2, 0, 4, 2))
+    image.save(tmp_path / "paint.png")
+    faces = "usemtl m\nf 1/1 2/2 3/3\nf 1/4 3/5 4/6\n"
+    contents = read(
+        tmp_path, f"mtllib a.mtl\n{V}{VT}{faces}", a_mtl=f"newmtl m\nKd 0 1 0\n{texture}"
+    )
+    assert contents.face_colors.tolist() == colors
+    assert contents.notes == (
+        () if colors[0] != GREEN else ("the texture 'gone.png' is not there",)
+    )
+
+
+@pytest.mark.parametrize("full", [1, 255])
+def test_colours_of_vertices_come_before_diffuse_ones(tmp_path: Path, full: int) -> None:
+    rows = [(full, 0, 0), (full, 0, 0), (full, 0, 0), (0, 0, full)]
+    text = "".join(
+        f"v {x} {y} 0 {r} {g} {b}\n"
+        for (x, y), (r, g, b) in zip([(0, 0), (1, 0), (1, 1), (0, 1)], rows, strict=True)
+    )
+    contents = read(tmp_path, f"mtllib a.mtl\n{text}{TWO}", a_mtl=KD.replace("1", ".5"))
+    assert contents.face_colors.tolist() == [RED, [170, 0, 85]]
+
+
+@pytest.mark.parametrize(
+    ("text", "problem"),
+    [
+        (V + "f 0 1 2\n", "line 5: a face has index 0, and OBJ counts vertices from 1; add 1"),
+        (V + "f 1 2 3\nf 0/1 1/1 2/1\n", "line 6: a face has index 0"),
+        (V + "f 1 2 5\n", "line 5: a face has vertex 5, and there are 4"),
+        (V + "f -5 -1 -2\n", "line 5: a face has vertex -5, and there are 4"),
+        (V + "f 1 2 x\n", "line 5: 'x' is no corner of a face"),
+        (V + "f 1.5 2 3\n", "line 5: '1.5' is no corner of a face"),
+        ("v 0 0\nf 1 1 1\n", "line 1: a vertex of 2 numbers, expected x, y and z"),
+        ("v 0 0 0\nv 1,5 2,5 0\n", "line 2: '1,5' has a decimal comma; write numbers with a point"),
+        ("v 0 0 0\nv one 0 0\n", "line 2: 'one' is no number"),
+        ("v 0 \\\n0 0\nv 1 x 0\n", "line 3: 'x' is no number"),
+        (V, "the mesh has no faces"),
+        ("version https://git-lfs.github.com/spec/v1\noid sha256:0\nsize 9\n", "git lfs pull"),
+    ],
+)
+def test_refusals_name_the_line_and_the_remedy(tmp_path: Path, text: str, problem: str) -> None:
+    with pytest.raises(BadInput) as failure:
+        read(tmp_path, text)
+    assert str(failure.value).startswith(f"{tmp_path / 'a.obj'}: ")
+    assert problem in str(failure.value)
+
+
+def test_a_large_file_is_read_as_a_small_one(tmp_path: Path) -> None:
+    rng = np.random.default_rng(0)
+    points = rng.normal(size=(300, 3))
+    faces = rng.integers(0, 300, (500, 3))
+    rows = "".join("v {} {} {}\n".format(*map(repr, row)) for row in points.tolist())
+    for form in ("{0}", "{0}/{0}", "{0}//{0}", "{0}/{0}/{0}", "{1}"):
+        text = rows
+        for face in faces:
+            corners = (form.format(index + 1, index - 300) for index in face.tolist())
+            text += f"f {' '.join(corners)}\n"
+        contents = read(tmp_path, text)
+        np.testing.assert_array_equal(contents.vertices, points)
+        np.testing.assert_array_equal(contents.faces, faces)
