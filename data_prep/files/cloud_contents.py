@@ -11,11 +11,11 @@ import numpy as np
 from numpy.typing import NDArray
 
 COLOURS = "its colours"  # what notes call the colours of a file
-# The names of columns that hold red, green and blue.
+# The names of columns that hold red, green and blue. CloudCompare calls fractions Rf, Gf and Bf.
 CHANNELS = (
-    ("red", "r", "diffuse_red"),
-    ("green", "g", "diffuse_green"),
-    ("blue", "b", "diffuse_blue"),
+    ("red", "r", "diffuse_red", "rf"),
+    ("green", "g", "diffuse_green", "gf"),
+    ("blue", "b", "diffuse_blue", "bf"),
 )
 _POINT = "(?:p(?:oints?|os(?:ition)?)?|coord(?:inate)?s?)"
 # A name with a letter for the axis, such as point_x or x_m.

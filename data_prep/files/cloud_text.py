@@ -6,6 +6,7 @@ import csv
 import io
 import json
 import re
+import unicodedata
 from array import array
 from collections.abc import Iterable, Iterator, Mapping, Sequence
 from dataclasses import dataclass
@@ -23,6 +24,12 @@ from data_prep.files.cloud_contents import (
 )
 from data_prep.files.plain_rows import MOST_LINE_LENGTH
 from data_prep.files.safe_read import MIB, shown
+from data_prep.files.unnamed_columns import (
+    MOST_UNNAMED,
+    are_poses,
+    are_times,
+    colors_of_nine,
+)
 
 # The largest text: 2 million points in lines of the usual length, which take some 10 s to read.
 MOST_TEXT_BYTES = 64 * MIB
@@ -35,6 +42,7 @@ PTS_COLOURS = {6: (3, 4, 5), 7: (4, 5, 6)}
 _COMMENTS = "#", "//", "%"  # the beginnings of lines that are comments
 _NOTE = re.compile(r"(?<=[\s;,|])#.*")  # a comment at the end of a row; 1.#INF of Windows is none
 _BLANK = " \t\n;,|"
+MINUS = "\u2212"
 _WHOLE = re.compile(r"[+-]?[0-9]+")
 _NUMBER = re.compile(r"[+-]?(?:[0-9.][0-9.,' ]*(?:[ed][+-]?[0-9]+)?|inf(?:inity)?)", re.I)
 _MISSING = re.compile(r"(?:[+-]?(?:nan(?:\(.*\))?|1\.#.+)|na|n/a|null|none)?", re.I)
@@ -44,7 +52,7 @@ _GROUPED = re.compile(r"[+-]?[1-9][0-9]{0,2},[0-9]{3}")  # thousands are separat
 _CUT = re.compile(r"[+-]?[0-9]{1,3} [0-9]{3}[.,][0-9]+")
 _CUT_AT_POINT = re.compile(r"[+-]?[0-9]+ 0[0-9]+|-0 [0-9]+")
 # A unit behind the name of a column, as in x (m). The x of P[x] is a name.
-_UNIT = re.compile(r"\s*(?:\[(?![xyz]\])[^\]]*\]|\([^)]*\))", re.I)
+_COLUMN_UNIT = re.compile(r"\s*(?:\[(?![xyz]\])[^\]]*\]|\([^)]*\))", re.I)
 _INTRODUCTION = re.compile(r"\w+:\s")  # a word before names, as in Columns: x y z
 _NUMBERS = "write numbers such as -1234.5 or 1e-3, without thousands separators"
 _COMMAS = "commas are taken for decimal marks; if they are none, write numbers without them"
@@ -139,12 +147,16 @@ def _layout_of(
     axes = axis_columns(names) if names else (0, 1, 2)
     numbered = bool(guess or (names and names[axes[0]][-1:].isdigit()))
     unsure = axes[0] == 0 and (numbered or len(names) not in (filled, width))
+    decimal_comma = _have_decimal_commas(rows)
+    colours = color_columns(names) if names else unnamed.get(width, ())
+    if not names or guess or _are_of_a_stem(names):
+        numbers = _as_numbers(rows, decimal_comma)
+        _check_kind(filled, numbers)
+        if numbers is not None and width == 9 and unnamed:
+            colours = colors_of_nine(numbers)
     if unsure and filled > 3:
-        _check_unnamed(rows)
-    fields = [field for row in rows for field in row]
-    commas = any(map(_WITH_COMMA.fullmatch, fields))
-    points = any("." in field and _NUMBER.fullmatch(field) for field in fields)
-    if commas and not points:
+        _check_unnamed(rows, separator)
+    if decimal_comma:
         _check_commas([row[axis] for row in rows for axis in axes if axis < len(row)])
     unused = guess
     if filled > 3:
@@ -152,14 +164,52 @@ def _layout_of(
         unused += (others + _UNNAMED if unsure else others,)
     layout = _Layout(
         separator=separator,
-        decimal_comma=commas and not points,
+        decimal_comma=decimal_comma,
         width=width,
         axes=axes,
-        colours=color_columns(names) if names else unnamed.get(width, ()),
+        colours=colours,
         unsure=unsure,
         unused=unused,
     )
     return layout, head
+
+
+def _have_decimal_commas(rows: Sequence[Sequence[str]]) -> bool:
+    """Return whether numbers have commas, and none has a point."""
+    fields = [field for row in rows for field in row]
+    points = any("." in field and _NUMBER.fullmatch(field) for field in fields)
+    return any(map(_WITH_COMMA.fullmatch, fields)) and not points
+
+
+def _are_of_a_stem(names: Sequence[str]) -> bool:
+    """Return whether all names are a word with a number, such as V1, V2, V3."""
+    stems = {re.sub("[0-9]+$", "", name) for name in names if name}
+    return len(stems) == 1 and all(name[-1:].isdigit() for name in names if name)
+
+
+def _check_kind(columns: int, numbers: NDArray[np.float64] | None) -> None:
+    """Raise NotACloud where columns without names are those of a matrix or of poses."""
+    if columns > MOST_UNNAMED:
+        raise NotACloud(
+            f"{columns} columns without names, as a matrix or an image has them; name x, y and z "
+            "in a first line"
+        )
+    if numbers is not None and are_poses(numbers):
+        raise NotACloud(
+            "its rows are poses, a rotation with a position each; give a cloud, or name all "
+            "columns in a first line"
+        )
+
+
+def _as_numbers(rows: Sequence[Sequence[str]], decimal_comma: bool) -> NDArray[np.float64] | None:
+    """Return rows as numbers, float64 [rows, columns]; None where some are none."""
+    width = len(rows[0])
+    if any(len(row) != width for row in rows):
+        return None
+    try:
+        return np.array([numbers_of(row, range(width), "", decimal_comma) for row in rows])
+    except NotACloud:
+        return None
 
 
 def _start_of(
@@ -198,7 +248,7 @@ def _start_of(
 
 def _names(text: str) -> list[str]:
     """Return the names of columns without units, reduced to small letters and digits."""
-    text = _UNIT.sub("", _INTRODUCTION.sub("", text, count=1))
+    text = _COLUMN_UNIT.sub("", _INTRODUCTION.sub("", text, count=1))
     separator = next((mark for mark in ";\t|," if mark in text), " ")
     fields = next(csv.reader([text], delimiter=separator, skipinitialspace=True), [])
     return [re.sub(r"[^a-z0-9]", "", field.lower()) for field in fields]
@@ -230,17 +280,20 @@ def _check_row(number: int, text: str, fields: Sequence[str]) -> None:
     """Raise NotACloud for a first line without names that does not have three numbers."""
     if sum(is_number(field.strip()) for field in fields) < min(3, len(fields)):
         raise NotACloud(
-            f"line {number}: {shown(text)} is no point, and no names of columns with x, y and z "
+            f"line {number}: {_quoted(text)} is no point, and no names of columns with x, y and z "
             "(each once, no degrees; separated by spaces, tabs, commas, semicolons or bars); "
             "remove or correct it"
         )
 
 
-def _check_unnamed(rows: Sequence[Sequence[str]]) -> None:
+def _check_unnamed(rows: Sequence[Sequence[str]], separator: str) -> None:
     """Raise NotACloud where the first three of more columns are likely not x, y and z."""
     pairs = [list(pairwise(row[:16])) for row in rows]
     grouped = all(any(_CUT.fullmatch(f"{a} {b}") for a, b in row) for row in pairs)
-    zeros = any(_CUT_AT_POINT.fullmatch(f"{a} {b}") for row in pairs for a, b in row)
+    # Only a comma cuts a number: between blanks -0 and 0 are two.
+    zeros = separator == "," and any(
+        _CUT_AT_POINT.fullmatch(f"{a} {b}") for row in pairs for a, b in row
+    )
     if grouped or zeros:
         raise NotACloud(f"its columns seem to be parts of numbers; {_NUMBERS}")
     first, *others = zip(*rows, strict=False)
@@ -256,7 +309,7 @@ def _check_commas(fields: Sequence[str]) -> None:
     whole = [field for field in fields if _WHOLE.fullmatch(field)]
     grouped = [field for field in fields if _GROUPED.fullmatch(field)]
     if whole and grouped and len(whole) + len(grouped) == len(fields):
-        raise NotACloud(f"{shown(grouped[0])} seems to have a thousands separator; {_NUMBERS}")
+        raise NotACloud(f"{_quoted(grouped[0])} seems to have a thousands separator; {_NUMBERS}")
 
 
 def _check_first_column(table: NDArray[np.float64], spare: bool) -> None:
@@ -267,6 +320,11 @@ def _check_first_column(table: NDArray[np.float64], spare: bool) -> None:
     of 1 from 0 or 1 on.
     """
     first = table[:, 0]
+    if spare and are_times(first, table[:, 1:3]):
+        raise NotACloud(
+            f"its first column, '{first[0]:.10g}' and so on, only grows, as times do; name all "
+            "columns in a first line, such as t,x,y,z"
+        )
     steps = np.diff(first)
     if len(first) <= 2 or steps[0] == 0 or not np.allclose(steps, steps[0], 1e-3, 0):
         return
@@ -279,8 +337,8 @@ def _check_first_column(table: NDArray[np.float64], spare: bool) -> None:
 def _first_column_counts(value: str) -> NotACloud:
     """Return the error on columns without names, the first of which counts or labels points."""
     return NotACloud(
-        f"its first column, {shown(value)} and so on, seems to count or label the points; name all "
-        "columns in a first line, such as id,x,y,z"
+        f"its first column, {_quoted(value)} and so on, seems to count or label the points; name "
+        "all columns in a first line, such as id,x,y,z"
     )
 
 
@@ -336,8 +394,10 @@ def _content(line: str) -> str:
     return _NOTE.sub("", text) if "#" in text and '"' not in text else text
 
 
-def text_lines(data: bytes, encoding: str = "latin-1") -> Iterator[tuple[int, str]]:
+def text_lines(data: bytes, encoding: str = "utf-8") -> Iterator[tuple[int, str]]:
     """Yield the lines with their numbers, counted from 1; LF, CR LF and CR end a line.
+
+    The minus of typesetters, U+2212, becomes the common one.
 
     Raises NotACloud for a text or a line that is too long.
     """
@@ -347,7 +407,7 @@ def text_lines(data: bytes, encoding: str = "latin-1") -> Iterator[tuple[int, st
     for number, line in enumerate(file, 1):
         if len(line) > MOST_LINE_LENGTH:
             raise NotACloud(f"line {number} has {len(line)} characters, more than a row; break it")
-        yield number, line
+        yield number, line.replace(MINUS, "-")
 
 
 def numbers_of(
@@ -373,11 +433,23 @@ def numbers_of(
             )
         except ValueError:
             if not _MISSING.fullmatch(field.strip()):
-                raise NotACloud(
-                    f"{where}: {shown(field)} is not a number; {_remedy([field])}"
-                ) from None
+                raise _no_number(field, where) from None
             values.append(np.nan)
     return values
+
+
+def _no_number(field: str, where: str) -> NotACloud:
+    if _WITH_COMMA.fullmatch(field) and not _GROUPED.fullmatch(field):
+        remedy = "it has a decimal comma, write points"
+    else:
+        remedy = _remedy([field])
+    return NotACloud(f"{where}: {_quoted(field)} is not a number; {remedy}")
+
+
+def _quoted(text: str) -> str:
+    """Return a text for a message; of what is no text nothing is quoted."""
+    controls = any(unicodedata.category(c) == "Cc" for c in text.replace("\t", " "))
+    return "binary data" if controls or 4 * text.count("\ufffd") > len(text) else shown(text)
 
 
 def _uneven(number: int, fields: Sequence[str], expected: int) -> NotACloud:

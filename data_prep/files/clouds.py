@@ -48,7 +48,7 @@ from data_prep.files.cloud_contents import (
 )
 from data_prep.files.cloud_pcd import read_pcd
 from data_prep.files.cloud_ply import read_ply
-from data_prep.files.cloud_text import PTS_COLOURS, is_number, read_text
+from data_prep.files.cloud_text import MINUS, PTS_COLOURS, is_number, read_text
 from data_prep.files.file_kinds import START_BYTES, mismatch
 from data_prep.files.meshes import SUFFIXES as MESH_SUFFIXES
 from data_prep.files.safe_read import MIB, files_below, open_file, read_file, reason_of, shown
@@ -135,7 +135,7 @@ def _has_rows(path: Path) -> bool:
             start = file.read(MIB)
     except BadInput:  # counts as a cloud, whose reader then says what is wrong
         return True
-    text = start.decode(json.detect_encoding(start[:4]), "replace")
+    text = start.decode(json.detect_encoding(start[:4]), "replace").replace(MINUS, "-")
     fields = (re.split(r'[\s;,"]+', line.strip('\t ;,"')) for line in text.splitlines())
     if not start:
         return True
