@@ -23,10 +23,10 @@ from data_prep.files.safe_read import files_below
 from data_prep.scene import CLOUD_SIZE, Mesh, PointCloud, View
 
 # The suffixes of files that are taken for clouds. A .ply may hold a mesh or a cloud, and is taken
-# for a mesh; a .txt is more often a text for people.
-_BARE_SUFFIXES = tuple(suffix for suffix in CLOUD_SUFFIXES if suffix not in (".ply", ".txt"))
+# for a mesh.
+_BARE_SUFFIXES = tuple(suffix for suffix in CLOUD_SUFFIXES if suffix != ".ply")
 _RESOURCES = (*MATERIALS, ".bin")  # the suffixes of files that belong to meshes
-# Names of sub-folders that are splits, and no classes.
+# Names of sub-folders, in small letters, that are splits and no classes.
 _SPLIT_NAMES = {"train", "training", "test", "testing", "val", "valid", "validation"}
 
 
@@ -75,9 +75,9 @@ class BareCloud(StoredCloud):
 def folder_dataset(spec: str, root: Path) -> Dataset:
     """Return all meshes below a folder; of a folder without meshes, all clouds.
 
-    Sub-folders that hold such files are classes (and files beside them are left alone); a folder
-    without such sub-folders has no classes. Raises BadInput where no mesh and no cloud exists, and
-    where the sub-folders are splits.
+    Texts are clouds where they have rows of numbers. Sub-folders that hold such files are classes
+    (and files beside them are left alone); a folder without such sub-folders has no classes. Raises
+    BadInput where no mesh and no cloud exists, and where the sub-folders are splits.
     """
     (files, others), kind = files_below(root, SUFFIXES), "meshes"
     make: Callable[[str, str, Path], SceneObject] = MeshFile
@@ -107,10 +107,14 @@ def folder_dataset(spec: str, root: Path) -> Dataset:
 def _splits(root: Path, folders: Sequence[Sequence[str]]) -> list[str]:
     """Return a line about splits in the classes. Raises BadInput where the classes are splits."""
     tops = {folder[0] for folder in folders}
-    if len(tops) > 1 and tops <= _SPLIT_NAMES:
+    if len(tops) > 1 and all(map(_is_split, tops)):
         raise BadInput(
             f"{root}: its sub-folders are splits ({', '.join(sorted(tops))}), not classes; give "
             f"one of them, as folder:{root / min(tops)}"
         )
-    mixed = sorted({folder[0] for folder in folders if set(folder[1:]) & _SPLIT_NAMES})
+    mixed = sorted({folder[0] for folder in folders if any(map(_is_split, folder[1:]))})
     return [f"{first_names(mixed)}: objects of all splits are taken together"] if mixed else []
+
+
+def _is_split(name: str) -> bool:
+    return name.lower() in _SPLIT_NAMES

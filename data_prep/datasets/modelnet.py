@@ -3,8 +3,9 @@
     <class>/train/<class>_0001.off, <class>/test/...    as published, and as aligned by hand
     <class>/<class>_0001.off, with modelnet40_train.txt, modelnet40_test.txt    an id in each line
 
-The front is taken to be -Y (`orientations.MODELNET` says why). ModelNet10 and the ModelNet40 of
-lmb-freiburg/orion are aligned; in the original ModelNet40 objects face any direction.
+Capitals in the names of splits and lists do not matter. The front is taken to be -Y
+(`orientations.MODELNET` says why). ModelNet10 and the ModelNet40 of lmb-freiburg/orion are aligned;
+in the original ModelNet40 objects face any direction.
 """
 
 from __future__ import annotations
@@ -23,7 +24,6 @@ from data_prep.files.safe_read import (
     MIB,
     files_in,
     folders_in,
-    is_regular_file,
     plain_name,
     read_text,
 )
@@ -32,7 +32,7 @@ MOST_LIST_BYTES = 4 * MIB  # the largest list; that of all 12,311 ids has 0.2 Mi
 SPLITS: Sequence[Split] = ("train", "test")
 OFF = (".off",)
 CLASSES = {"monitor": "display"}  # classes that ShapeNet and the suites call by another name
-_LIST = re.compile(r"(modelnet[0-9]+)_(train|test)\.txt")
+_LIST = re.compile(r"(modelnet[0-9]+)_(train|test)\.txt", re.IGNORECASE)
 
 
 def is_modelnet(root: Path) -> bool:
@@ -43,9 +43,9 @@ def is_modelnet(root: Path) -> bool:
 
 def is_class(folder: Path) -> bool:
     """Return whether a folder has OFF files in train or test, or files such as chair_0001.off."""
-    if any(_off_files(folder / split) for split in SPLITS):
+    if any(files_in(split, OFF) for _, split in _split_folders(folder)):
         return True
-    number = re.compile(re.escape(folder.resolve().name) + "_[0-9]{4}")
+    number = re.compile(re.escape(folder.resolve().name) + "_[0-9]{4}", re.IGNORECASE)
     return any(number.fullmatch(path.stem) for path in files_in(folder, OFF))
 
 
@@ -59,7 +59,7 @@ def modelnet_dataset(spec: str, root: Path) -> Dataset:
     """
     classes = {CLASSES.get(folder.name, folder.name): folder for folder in folders_in(root)}
     listing = DatasetListing()
-    if any((folder / split).is_dir() for folder in classes.values() for split in SPLITS):
+    if any(_split_folders(folder) for folder in classes.values()):
         for class_name, folder in classes.items():
             _add_folders(listing, class_name, folder)
         layout = "ModelNet, with folders train and test"
@@ -94,21 +94,22 @@ def _ids_of(class_name: str, ids: Sequence[str]) -> list[str]:
 
 def _add_folders(listing: DatasetListing, class_name: str, folder: Path) -> None:
     """Add the objects in the folders train and test of a class."""
-    ids = []
-    for split in SPLITS:
-        objects = [_object(class_name, path) for path in _off_files(folder / split)]
+    ids: dict[Split, set[str]] = {split: set() for split in SPLITS}
+    for split, inner in _split_folders(folder):
+        objects = [_object(class_name, path) for path in files_in(inner, OFF)]
         listing.objects += objects
         listing.splits.setdefault(split, []).extend(objects)
-        ids.append({obj.object_id for obj in objects})
-    if both := ids[0] & ids[1]:
+        ids[split] |= {obj.object_id for obj in objects}
+    if both := ids["train"] & ids["test"]:
         listing.irregular.append(f"{class_name}: {len(both)} ids are in train and in test")
     if beside := len(files_in(folder, OFF)):
         listing.irregular.append(f"{class_name}: {beside} files beside train and test are left out")
 
 
-def _off_files(folder: Path) -> tuple[Path, ...]:
-    """Return the OFF files of a folder, which may not exist."""
-    return files_in(folder, OFF) if folder.is_dir() else ()
+def _split_folders(folder: Path) -> list[tuple[Split, Path]]:
+    """Return the folders of a class that are splits, train before test, and which each is."""
+    inner = folders_in(folder)
+    return [(split, path) for split in SPLITS for path in inner if path.name.lower() == split]
 
 
 def _object(class_name: str, path: Path) -> MeshFile:
@@ -122,10 +123,10 @@ def _absent(class_name: str, folder: Path, object_id: str) -> MeshFile:
 def _list_files(root: Path) -> dict[str, dict[Split, Path]]:
     """Return the files of split lists by name ("modelnet40") and split."""
     lists: dict[str, dict[Split, Path]] = {}
-    for path in sorted(root.glob("modelnet*.txt")):
-        if (match := _LIST.fullmatch(path.name)) and is_regular_file(path):
-            split: Split = "train" if match[2] == "train" else "test"
-            lists.setdefault(match[1], {})[split] = path
+    for path in files_in(root, (".txt",)):
+        if match := _LIST.fullmatch(path.name):
+            split: Split = "train" if match[2].lower() == "train" else "test"
+            lists.setdefault(match[1].lower(), {})[split] = path
     return lists
 
 

@@ -162,7 +162,7 @@ def _datasets_at(root: Path, location: str) -> list[str]:
     if kind := _kind_of(root):
         return [f"{kind}:{location}"]
     part = root.resolve()
-    if part.name in SPLITS:  # of a class of ModelNet
+    if part.name.lower() in SPLITS:  # of a class of ModelNet
         part = part.parent
     for kind, is_part in (("modelnet", is_class), ("shapenet", is_synset)):
         if is_part(part):

@@ -223,6 +223,22 @@ def test_clouds_are_taken_where_there_is_no_mesh(tmp_path: Path) -> None:
     assert ids(open_dataset(f"folder:{tmp_path}"), "chair") == ["mesh.obj"]
 
 
+def test_texts_of_numbers_are_clouds_where_there_is_no_mesh(tmp_path: Path) -> None:
+    """The layout of ShapeNet's part annotations, with the list of its classes."""
+    row = "0.1 -0.2 0.3 0 1 0 12.000000\n0.2 0.1 0.3 0 1 0 12.000000\n"
+    classes = ("synsetoffset2category.txt", "Airplane\t02691156\nChair\t03001627\n")
+    plant(tmp_path, classes, ("03001627/1a.txt", row), ("02691156/1b.TXT", row))
+    plant(tmp_path, ("03001627/licence.txt", "for 3 uses\n"))
+    dataset = open_dataset(recognised(str(tmp_path)))
+    assert dataset.layout == "a folder of bare clouds, sub-folders are classes"
+    assert ids(dataset, "03001627") == ["1a.txt"]
+    assert ids(dataset, "02691156") == ["1b.TXT"]
+    assert dataset.left_out == "03001627/licence.txt, synsetoffset2category.txt"
+    assert dataset.irregular == ()
+    plant(tmp_path, "03001627/mesh.obj")
+    assert [obj.object_id for obj in open_dataset(f"folder:{tmp_path}").finite] == ["mesh.obj"]
+
+
 def test_training_clouds_are_of_one_size(tmp_path: Path) -> None:
     for name, count in (("a", 5000), ("b", 9000), ("c", 3000)):
         np.save(tmp_path / f"{name}.npy", np.random.default_rng(1).random((count, 3)))
@@ -275,6 +291,9 @@ RECOGNISED = {  # files, the dataset, its objects by class, and the folder that 
     "monitor is display": (
         ("monitor/test/monitor_0466.off", "chair/test/chair_0890.off"), "modelnet:",
         {"display": 1, "chair": 1}),
+    "unpacked where capitals are usual": (
+        ("chair/Train/chair_0001.OFF", "chair/TEST/chair_0890.off"), "modelnet:", {"chair": 2}),
+    "without splits, with capitals": (("Chair/chair_0001.off",), "modelnet:", {"Chair": 1}),
     "ShapeNetCore.v1": ((*V1, "taxonomy.json"), "shapenet:", {"ashcan": 1, "chair": 1}),
     "ShapeNetCore.v2 nested twice": (
         under("ShapeNetCore.v2/ShapeNetCore.v2", *V2),
@@ -302,6 +321,8 @@ RECOGNISED = {  # files, the dataset, its objects by class, and the folder that 
         under("up", *MODELNET[:2]), "modelnet:/up", {"chair": 2}, "up/chair"),
     "a split of a class of ModelNet": (
         under("up", *MODELNET[:2]), "modelnet:/up", {"chair": 2}, "up/chair/train"),
+    "a split in capitals": (
+        ("up/chair/Train/chair_0001.off",), "modelnet:/up", {"chair": 1}, "up/chair/Train"),
     "a synset": (under("up", *V2), "shapenet:/up", {"chair": 1}, "up/03001627"),
 }  # fmt: skip
 
@@ -412,6 +433,8 @@ REFUSED = [  # the dataset of a folder {}, its files, a pattern of what is said,
     ("folder:{}", ("chair/a.obj", "chair/.b.obj.icloud"), r"\.b\.obj\.icloud.*iCloud; download it"),
     ("folder:{}", ("train/chair/a.obj", "test/chair/b.obj"),
      r"splits \(test, train\).*folder:.*/test"),
+    ("folder:{}", ("Train/chair/a.obj", "Test/chair/b.obj"),
+     r"splits \(Test, Train\).*folder:.*/Test"),
     ("folder:{}", ("ModelNet10.zip", "README.txt"), r"no mesh.*it has ModelNet10\.zip, README"),
     ("folder:{}", ("._a.obj", "__MACOSX/._a.obj", ".DS_Store"), "no mesh"),
     ("folder:{}", (*under("one", *V1), *under("two", *V2)), "give --dataset .* or "),

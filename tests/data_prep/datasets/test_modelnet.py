@@ -33,11 +33,20 @@ def test_folders_of_splits(tmp_path: Path) -> None:
     )
 
 
+def test_folders_of_splits_in_capitals(tmp_path: Path) -> None:
+    for name in ("Train/chair_0001", "train/chair_0002", "TEST/chair_0890"):
+        write_off(tmp_path / "chair" / f"{name}.off", MODELNET)
+    dataset = open_dataset(f"modelnet:{tmp_path}")
+    assert names(dataset, "chair") == ["chair_0890"]
+    assert names(dataset, "chair", "train") == ["chair_0001", "chair_0002"]
+    assert dataset.irregular == ()
+
+
 def test_split_lists(tmp_path: Path) -> None:
     for name in ("chair_0001", "chair_0002", "chair_0003", "night_stand_0001"):
         write_off(tmp_path / name.rpartition("_")[0] / f"{name}.off", MODELNET)
     (tmp_path / "modelnet40_shape_names.txt").write_text("chair\nnight_stand\n")
-    (tmp_path / "modelnet40_train.txt").write_text("chair_0002\r\nnight_stand_0001\r\n")
+    (tmp_path / "ModelNet40_Train.txt").write_text("chair_0002\r\nnight_stand_0001\r\n")
     (tmp_path / "modelnet40_test.txt").write_text("chair_0001\nchair_0002\nchair_0009\nsofa_0001\n")
     (tmp_path / "modelnet10_test.txt").write_text("chair_0003\n")  # a part of the 40
     dataset = open_dataset(f"modelnet:{tmp_path}")
