@@ -3,8 +3,10 @@
 from __future__ import annotations
 
 import hashlib
+import re
 from collections.abc import Mapping, Sequence
 from contextlib import suppress
+from dataclasses import dataclass
 from pathlib import Path, PurePosixPath
 from typing import NamedTuple
 
@@ -22,6 +24,7 @@ from data_prep.datasets.registry import BareCloud, is_dataset, open_dataset, rec
 from data_prep.datasets.stored_meshes import MeshFile
 from data_prep.failures import BadInput, MissingDependency, NoFaces
 from data_prep.files.checksums import file_sha256
+from data_prep.files.clouds import CLOUD_SUFFIXES
 from data_prep.files.safe_read import files_below, is_regular_file
 from data_prep.progress import progress
 from data_prep.randomness import generator
@@ -35,106 +38,175 @@ _ENDLESS_SAMPLE = 3  # objects read of each class of a dataset that makes as man
 # pixels.
 _INDIFFERENCE = 0.01
 _UNUSABLE = "it cannot be used"
+# What differs in the reasons of one kind of failure: quoted texts, names of files, numbers.
+_OF_ONE_OBJECT = re.compile(r"'[^']*'|[^\s:]*[\d/.][^\s:]*")
 
 
-class Inspection(NamedTuple):
+class Problem(NamedTuple):
+    """A problem of an object.
+
+    object  the object as CLASS/ID
+    kind    the problem in words that other objects share, such as "it cannot be used"
+    reason  the reason or the place, such as the message of the reader with its remedy
+    cause   the reason without what belongs to this object alone; "" where the kind says all
+    """
+
+    object: str
+    kind: str
+    reason: str
+    cause: str = ""
+
+
+class Checksum(NamedTuple):
+    """The SHA-256 of a folder of meshes, and the number of its files."""
+
+    sha256: str
+    files: int
+
+
+@dataclass(frozen=True)
+class Inspection:
     """A report on a dataset.
 
     spec       the dataset as `bench run --dataset` takes it
-    lines      the facts about the dataset, a line each
-    irregular  the problems that were found, a line each
+    dataset    the dataset itself
+    counts     the number of objects of each class, and of "all", by split; "objects" is the split
+               of a source without any; empty where the source has no end
+    checksum   the checksum of a folder of meshes; None for any other dataset
+    read       the number of objects that were read
+    whole      whether these are all objects
+    angles     a line on how well clouds and images fit; "" without images, and where they do not
+    irregular  lines on what is missing or odd about the dataset as a whole
+    problems   the problems of the objects that were read, sorted by object
     clouds     whether all objects that were read are clouds without a mesh, which cannot be scored
     """
 
     spec: str
-    lines: tuple[str, ...]
+    dataset: Dataset
+    counts: Mapping[str, Mapping[str, int]]
+    checksum: Checksum | None
+    read: int
+    whole: bool
+    angles: str
     irregular: tuple[str, ...]
-    clouds: bool = False
+    problems: tuple[Problem, ...]
+    clouds: bool
+
+    @property
+    def kinds(self) -> tuple[str, ...]:
+        """Return a line for each kind and cause of problems: how many objects, and the first."""
+        groups: dict[tuple[str, str], list[Problem]] = {}
+        for problem in self.problems:
+            groups.setdefault((problem.kind, problem.cause), []).append(problem)
+        lines = []
+        for problems in groups.values():
+            first, count = problems[0], len({problem.object for problem in problems})
+            line = f"{count} of {self.read} read: {first.kind} (first {first.object}: "
+            lines.append(f"{line}{first.reason})")
+        return tuple(lines)
 
 
 class _ObjectReport(NamedTuple):
     """The findings on an object.
 
-    problems   for each problem its kind, and the place or reason
+    problems   its problems
     agreement  the share of the object's points that fall on its silhouettes, for each way to read
                the angles of its images; None for objects without images of their own
-    bare       whether the object is a cloud without a mesh
+    as_cloud   its problems where all objects are clouds without a mesh, so that none needs one;
+               None for an object that is no such cloud
     """
 
-    problems: tuple[tuple[str, str], ...]
+    problems: tuple[Problem, ...]
     agreement: tuple[float, ...] | None = None
-    bare: bool = False
+    as_cloud: tuple[Problem, ...] | None = None
 
 
-def inspect(location: str, sample: int, workers: int) -> Inspection:
+def inspect(location: str, sample: int | None, workers: int) -> Inspection:
     """Inspect a dataset ("shapenet:PATH"), or a folder whose layout is found out.
 
-    `sample` objects of each class are read, spread evenly over those that a run would measure.
-    Raises BadInput where the location holds no dataset at all, and for a negative sample.
+    `sample` objects of each class are read, spread evenly over those that a run would measure; all
+    objects of all splits for None. Raises BadInput where the location holds no dataset at all, for
+    a negative sample, and for None where the dataset has no end.
     """
-    if sample < 0:
+    if sample is not None and sample < 0:
         raise BadInput(f"--sample {sample}: must be at least 0")
     spec = location if is_dataset(location) else recognised(location)
     dataset = open_dataset(spec)
-    chosen = _sample(dataset, sample)
-    reports: dict[str, _ObjectReport] = {}
+    every = _every_object(dataset)
+    if sample is None and every is None:
+        raise BadInput(
+            f"--all: {spec} has as many objects as one asks for; give --sample with a number"
+        )
+    chosen = every if sample is None and every is not None else _sample(dataset, sample or 0)
+    reports: list[tuple[str, _ObjectReport]] = []
+    failed = 0
     with progress("reading", len(chosen)) as advance:
         # Files of strangers may crash or hang a library, so that they are read in workers.
         for obj, outcome in run_tasks(chosen, _examine, max(1, min(workers, len(chosen))), LIMITS):
             if isinstance(outcome, WorkerFailure):
-                outcome = _ObjectReport((("it cannot be read", outcome.reason),))
-            reports[name_of(obj)] = outcome
-            advance(sum(bool(report.problems) for report in reports.values()))
-    fit, misfit = _fit(reports)
-    clouds = bool(reports) and all(report.bare for report in reports.values())
-    problems = [line for line in _grouped(reports) if not (clouds and _UNUSABLE in line)]
-    irregular = (*dataset.irregular, *_without_images(dataset), *problems, *misfit)
-    lines = [f"layout       {dataset.layout}", f"orientation  {dataset.orientation}"]
-    lines += _counts(dataset)
-    if dataset.left_out:
-        lines.append(f"left out     {dataset.left_out}")
-    lines += [*_checksum(dataset), f"read         {len(chosen)} objects", *fit]
-    if clouds:
-        lines.append("clouds       points without faces: they can be drawn, not scored")
-    return Inspection(spec, tuple(lines), irregular, clouds)
+                failure = Problem(name_of(obj), "it cannot be read", outcome.reason, outcome.reason)
+                outcome = _ObjectReport((failure,))
+            reports.append((name_of(obj), outcome))
+            failed += bool(outcome.problems)
+            advance(failed)
+    reports.sort(key=lambda named: named[0])
+    angles, misfit = _fit([report for _, report in reports])
+    clouds = bool(reports) and all(report.as_cloud is not None for _, report in reports)
+    problems: list[Problem] = []
+    for _, report in reports:
+        problems += (report.as_cloud or ()) if clouds else report.problems
+    return Inspection(
+        spec,
+        dataset,
+        _counts(dataset),
+        _checksum(dataset),
+        len(chosen),
+        len(chosen) == len(every or ()),
+        angles,
+        (*dataset.irregular, *_without_images(dataset), *misfit),
+        tuple(problems),
+        clouds,
+    )
 
 
-def _counts(dataset: Dataset) -> list[str]:
-    """Return a line with the number of objects for each class, by split."""
+def _counts(dataset: Dataset) -> dict[str, dict[str, int]]:
     if dataset.finite is None:
-        return [f"classes      {', '.join(dataset.classes)}: as many objects as one asks for"]
-    if not dataset.classes:
-        return [f"classes      none: {len(dataset.finite)} objects for any class"]
+        return {}
     pools: dict[str, Sequence[SceneObject]] = {str(s): o for s, o in dataset.splits.items()}
     pools = pools or {"objects": dataset.finite}
-    lines = []
-    for name in (*dataset.classes, "all"):
-        counts = [
-            f"{split} {sum(name in ('all', obj.class_name) for obj in objects)}"
+    return {
+        name: {
+            split: sum(name in ("all", obj.class_name) for obj in objects)
             for split, objects in pools.items()
-        ]
-        lines.append(f"class        {name}: {', '.join(counts)}")
-    if not dataset.splits:
-        lines.append("splits       none: all objects are taken")
-    return lines
+        }
+        for name in (*dataset.classes, "all")
+    }
 
 
-def _checksum(dataset: Dataset) -> list[str]:
-    """Return a line with one SHA-256 for a folder of meshes; no line for any other dataset.
+def _checksum(dataset: Dataset) -> Checksum | None:
+    """Return one checksum for a folder of meshes; None for any other dataset.
 
     It is the checksum of the lines that `sha256sum` prints for the files of meshes, sorted by name.
     Files of materials are left out.
     """
     objects = [obj for obj in dataset.finite or () if isinstance(obj, MeshFile)]
     try:
-        lines = {name_of(obj): f"{file_sha256(obj.path)}  {name_of(obj)}\n" for obj in objects}
+        lines = [(name_of(obj), f"{file_sha256(obj.path)}  {name_of(obj)}\n") for obj in objects]
     except BadInput:
-        return []  # a file cannot be read; the report on the objects says which
+        return None  # a file cannot be read; the report on the objects says which
     if not lines:
-        return []
-    text = "".join(lines[name] for name in sorted(lines))
-    digest = hashlib.sha256(text.encode()).hexdigest()
-    return [f"checksum     {digest} of {len(lines)} files"]
+        return None
+    text = "".join(line for _, line in sorted(lines))
+    return Checksum(hashlib.sha256(text.encode()).hexdigest(), len(lines))
+
+
+def _every_object(dataset: Dataset) -> list[SceneObject] | None:
+    """Return all objects, with those that a split names and the disk lacks; None without an end."""
+    if dataset.finite is None:
+        return None
+    listed = (obj for objects in dataset.splits.values() for obj in objects)
+    # By identity, as objects of other packages need not be hashable.
+    return list({id(obj): obj for obj in (*dataset.finite, *listed)}.values())
 
 
 def _sample(dataset: Dataset, sample: int) -> list[SceneObject]:
@@ -153,40 +225,38 @@ def _sample(dataset: Dataset, sample: int) -> list[SceneObject]:
 
 
 def _examine(obj: SceneObject) -> _ObjectReport:
+    name = name_of(obj)
     if isinstance(obj, PaperObject):
         shares = None
         with suppress(BadInput):  # `find_problems` reports what cannot be read
             shares = tuple(agreement(obj))
-        return _ObjectReport(tuple(find_problems(obj)), shares)
+        problems = (Problem(name, kind, place, _cause(place)) for kind, place in find_problems(obj))
+        return _ObjectReport(tuple(problems), shares)
     try:
         small = note_on_scale(obj.cloud(generator("inspect")).points)
     except MissingDependency:
         raise
     except BadInput as error:
-        problems = ((_UNUSABLE, str(error)),)
+        path = str(obj.path) if isinstance(obj, MeshFile | BareCloud) else ""
+        reason = str(error)
+        problem = Problem(name, _UNUSABLE, reason, _cause(reason.removeprefix(path)))
+        if isinstance(obj, BareCloud):
+            return _ObjectReport((problem,), as_cloud=(problem,))
         # A file without faces may be a cloud, but only in a plain folder of files. The meshes of
         # ShapeNet and ModelNet lie in folders of their own, and none is meant to be a cloud.
         if not isinstance(obj, MeshFile) or obj.folder is not None:
-            return _ObjectReport(problems)
-        if not isinstance(error, NoFaces):
-            return _ObjectReport(problems)
+            return _ObjectReport((problem,))
+        if not isinstance(error, NoFaces) or obj.path.suffix.lower() not in CLOUD_SUFFIXES:
+            return _ObjectReport((problem,))
         cloud = _examine(BareCloud(obj.class_name, obj.object_id, obj.path))
-        return _ObjectReport((*problems, *cloud.problems), bare=cloud.bare)
-    problems = (("it is small in its images", small),) if small else ()
-    return _ObjectReport(problems, bare=isinstance(obj, BareCloud))
+        return _ObjectReport((problem,), as_cloud=cloud.problems)
+    problems = (Problem(name, "it is small in its images", small),) if small else ()
+    return _ObjectReport(problems, as_cloud=problems if isinstance(obj, BareCloud) else None)
 
 
-def _grouped(reports: Mapping[str, _ObjectReport]) -> list[str]:
-    """Return a line for each kind of problem, with the number of its objects and the first one."""
-    groups: dict[str, dict[str, str]] = {}
-    for name, report in sorted(reports.items()):
-        for kind, place in report.problems:
-            groups.setdefault(kind, {}).setdefault(name, place)
-    firsts = {kind: ": ".join(next(iter(places.items()))) for kind, places in groups.items()}
-    return [
-        f"{len(groups[kind])} of {len(reports)} read: {kind} (first {first})"
-        for kind, first in firsts.items()
-    ]
+def _cause(reason: str) -> str:
+    """Return a reason without its remedy, details, and what belongs to one object alone."""
+    return _OF_ONE_OBJECT.sub("...", re.split(r"[;(]", reason)[0])
 
 
 def _without_images(dataset: Dataset) -> list[str]:
@@ -205,15 +275,15 @@ def _without_images(dataset: Dataset) -> list[str]:
     ]
 
 
-def _fit(reports: Mapping[str, _ObjectReport]) -> tuple[list[str], list[str]]:
+def _fit(reports: Sequence[_ObjectReport]) -> tuple[str, list[str]]:
     """Return a line on how well the clouds fall on the objects in their images.
 
-    The line is in the first list, or in the second one, of irregular lines, where another way to
-    read the angles fits better. Both are empty for objects without images.
+    The line is in the list of irregular lines instead where another way to read the angles fits
+    better. Both are empty for objects without images.
     """
-    shares = [report.agreement for report in reports.values() if report.agreement is not None]
+    shares = [report.agreement for report in reports if report.agreement is not None]
     if not shares:
-        return [], []
+        return "", []
     means = np.mean(shares, axis=0)
     best = 1 + int(np.argmax(means[1:]))
     sense, turn = READINGS[best]
@@ -221,8 +291,8 @@ def _fit(reports: Mapping[str, _ObjectReport]) -> tuple[list[str], list[str]]:
     message = f"{means[0]:.1%} of the points fall on the object in their images"
     against = f"{means[best]:.1%} for the next best reading of the azimuth ({other})"
     if means[best] > means[0] + _INDIFFERENCE:
-        return [], [f"angles do not fit: {message}, {against}"]
-    return [f"angles       {message}; {against}"], []
+        return "", [f"angles do not fit: {message}, {against}"]
+    return f"{message}; {against}", []
 
 
 def verify(folder: Path) -> tuple[int, list[tuple[str, str]]]:

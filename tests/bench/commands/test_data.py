@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import csv
+import json
 import re
 import shutil
 from functools import partial
@@ -17,7 +18,7 @@ from bench.running.options import Options
 from data_prep.datasets.registry import ProceduralObject
 from data_prep.files.clouds import save_ply
 
-from ...data_prep.dataset_trees import write_obj, write_paper_tree
+from ...data_prep.dataset_trees import write_obj, write_off, write_paper_tree
 from ..builders import run_suite
 
 CHAIR = "03001627"
@@ -72,7 +73,7 @@ def test_an_irregular_tree(copied):
     (renders / "test-0001" / "view.txt").unlink()
     (copied / "shape_net_core_uniform_samples_2048" / CHAIR / "extra.ply").touch()
     found = inspect(f"paper:{copied}", 10, 1)
-    assert found.irregular == (
+    assert (*found.irregular, *found.kinds) == (
         "chair, clouds: 1 are in no split and left out: extra",
         "1 objects lack images: chair/test-0000 (2)",
         "1 objects lack view.txt: chair/test-0001",
@@ -105,7 +106,7 @@ def test_a_folder_of_meshes_with_what_is_none(tmp_path, command):
     save_ply(np.eye(3, dtype=np.float32), folder / "chair" / "bare.ply")
     status, out, _ = command("data", "inspect", folder, "--workers", "1")
     assert status == 1
-    *lines, irregular, use = out.splitlines()
+    *lines, nonsense, no_faces, use = out.splitlines()
     assert lines == [
         "layout       a folder of meshes, sub-folders are classes",
         "orientation  +Y up, front -Z: taken as it is",
@@ -116,12 +117,128 @@ def test_a_folder_of_meshes_with_what_is_none(tmp_path, command):
         "read         5 objects",
     ]
     assert re.fullmatch("checksum     [0-9a-f]{64} of 5 files", lines[5])
-    assert irregular.startswith("IRREGULAR    2 of 5 read: it cannot be used (first chair/bad.ply")
+    first = "IRREGULAR    1 of 5 read: it cannot be used (first "
+    assert nonsense.startswith(f"{first}chair/bad.ply: {folder}/chair/bad.ply: not a readable")
+    assert no_faces.startswith(f"{first}chair/bare.ply: {folder}/chair/bare.ply: the mesh has no")
     assert use == f"use          --dataset 'folder:{folder}'"
 
 
+@pytest.fixture
+def unequal(tmp_path):
+    """A folder of twelve chairs, of which four cannot be used, for three causes."""
+    folder = tmp_path / "unequal"
+    for i in range(8):
+        mesh(folder / "chair" / f"{i}.obj")
+    flat = "v 0 0 {z}\nv 1 0 {z}\nv 2 0 {z}\nf 1 2 3\n"
+    for name, text in (
+        ("8.obj", "v 0 0 0\nv 1 0 0\nv 0 1 nan\nf 1 2 3\n"),
+        ("9.obj", flat.format(z=1)),
+        ("10.obj", flat.format(z=2) + "f 3 2 1\n"),
+        ("11.obj", "v 0 0 0\n"),
+    ):
+        (folder / "chair" / name).write_text(text)
+    return folder
+
+
+CAUSES = {  # what is said of the objects that cannot be used, by their numbers
+    10: "all 2 faces have no area; a shape needs a surface",
+    11: "the mesh has no faces; a bare point cloud cannot be scored",
+    8: "the mesh has 1 non-finite vertices of 3 (the first is vertex 2); repair or remove them",
+    9: "all 1 faces have no area; a shape needs a surface",
+}
+
+
+def test_each_cause_has_its_line_and_all_lists_every_problem(unequal, command):
+    """The ten objects that are spread evenly over the twelve are all but 11.obj and 6.obj."""
+
+    def inspected(*options):
+        status, out, _ = command("data", "inspect", unequal, "--workers", "1", *options)
+        assert status == 1
+        lines = [(line[:12].rstrip(), line[13:]) for line in out.splitlines()]
+        return [line for line in lines if line[0] in ("PROBLEM", "IRREGULAR", "more")]
+
+    reasons = {i: f"{unequal}/chair/{i}.obj: {cause}" for i, cause in CAUSES.items()}
+
+    def kinds(read, *firsts):
+        return [
+            (
+                "IRREGULAR",
+                f"{count} of {read} read: it cannot be used (first chair/{i}.obj: {reasons[i]})",
+            )
+            for i, count in firsts
+        ]
+
+    more = ("more", "--all reads every object and lists every problem")
+    assert inspected() == [*kinds(10, (10, 2), (8, 1)), more]
+    assert inspected("--all") == [
+        *(
+            ("PROBLEM", f"chair/{i}.obj: it cannot be used: {reason}")
+            for i, reason in reasons.items()
+        ),
+        *kinds(12, (10, 2), (11, 1), (8, 1)),
+    ]
+
+
+def test_the_report_as_json(unequal, command):
+    (unequal / "notes.txt").touch()
+    asked = ("data", "inspect", unequal, "--workers", "1", "--all", "--format", "json")
+    status, out, _ = command(*asked)
+    told = json.loads(out)
+    sha256_of_all = checksum(
+        {
+            f"chair/{i}.obj": sha256((unequal / "chair" / f"{i}.obj").read_bytes()).hexdigest()
+            for i in sorted(range(12), key=lambda i: f"{i}.obj")
+        }
+    )
+    assert status == 1
+    assert told == {
+        "dataset": f"folder:{unequal}",
+        "regular": False,
+        "layout": "a folder of meshes, sub-folders are classes",
+        "orientation": "+Y up, front -Z: taken as it is",
+        "classes": ["chair"],
+        "counts": {"chair": {"objects": 12}, "all": {"objects": 12}},
+        "left_out": "notes.txt",
+        "checksum": {"sha256": sha256_of_all, "files": 12},
+        "read": 12,
+        "angles": None,
+        "clouds": False,
+        "irregular": [],
+        "problems": [
+            {
+                "object": f"chair/{i}.obj",
+                "kind": "it cannot be used",
+                "reason": f"{unequal}/chair/{i}.obj: {cause}",
+            }
+            for i, cause in CAUSES.items()
+        ],
+    }
+
+
+def test_a_regular_dataset_without_an_end_as_json(command):
+    asked = ("data", "inspect", "procedural:novel-families", "--sample", "0", "--format", "json")
+    status, out, _ = command(*asked)
+    told = json.loads(out)
+    assert (status, told["regular"], told["problems"]) == (0, True, [])
+    assert (told["classes"], told["counts"]) == (["chair"], None)
+
+
+def test_all_has_every_split_and_what_is_not_there(tmp_path):
+    """Two objects of the same name are two; one that a list names, and the disk lacks, is one."""
+    for name in ("train/chair_0001", "test/chair_0001", "test/chair_0002"):
+        write_off(tmp_path / "folders" / "chair" / f"{name}.off")
+    write_off(tmp_path / "lists" / "chair" / "chair_0001.off")
+    (tmp_path / "lists" / "modelnet40_test.txt").write_text("chair_0001\nchair_0009\n")
+    folders, lists = (inspect(str(tmp_path / name), None, 1) for name in ("folders", "lists"))
+    assert folders.checksum is not None
+    assert (folders.read, folders.checksum.files, folders.problems) == (3, 3, ())
+    (problem,) = lists.problems
+    assert (lists.read, problem.object) == (2, "chair/chair_0009")
+    assert problem.reason == f"{tmp_path}/lists/chair/chair_0009.off: no such file"
+
+
 def test_a_folder_of_clouds_is_nothing_irregular_but_for_bench_render(tmp_path, command):
-    points = np.eye(3, dtype=np.float32)
+    points, equal = np.eye(3, dtype=np.float32), np.zeros((3, 3), np.float32)
     for write in (
         partial(save_ply, points, tmp_path / "a.ply"),
         partial(np.save, tmp_path / "b", points),
@@ -129,10 +246,16 @@ def test_a_folder_of_clouds_is_nothing_irregular_but_for_bench_render(tmp_path, 
         write()
         status, out, _ = command("data", "inspect", tmp_path, "--workers", "1")
         assert status == 0
+        assert "IRREGULAR" not in out
         assert out.splitlines()[-2:] == [
             "clouds       points without faces: they can be drawn, not scored",
             "use          bench render FILE",
         ]
+    save_ply(equal, tmp_path / "c.ply")
+    found = inspect(str(tmp_path), 10, 1)
+    assert found.clouds
+    assert [problem.object for problem in found.problems] == [f"{tmp_path.name}/c.ply"]
+    assert found.problems[0].reason.startswith(f"{tmp_path}/c.ply: all 3 points are equal")
 
 
 def test_the_embedded_set(command):

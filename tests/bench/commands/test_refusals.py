@@ -180,6 +180,8 @@ CASES: dict[str, str] = {
     "data export --views 0 --out x": "--views 0: must be at least 1",
     "data export --limit 100000000 --out x": "too many; give at most 10000, or leave it for all ",
     "data inspect . --sample -1": "--sample -1: must be at least 0",
+    "data inspect . --all --sample 5": "--sample 5: --all reads every object; leave out one",
+    "data inspect procedural --all": "--all: procedural has as many objects as one asks for; give",
     "data inspect . --workers 0": "--workers 0: must be at least 1",
     # --- what has no meaning together
     "run --suite latent --truth grey": "--truth: has no meaning for the suite latent, which has ",
