@@ -23,7 +23,8 @@ import torch
 from numpy.typing import NDArray
 from torch import Tensor
 
-from bench.metrics.lpips_network import TRUNKS, halved, require_images
+from bench.metrics.image_arrays import require_bytes, require_rgb, require_same_shape, require_some
+from bench.metrics.lpips_network import TRUNKS, halved
 from bench.metrics.packaged_weights import (
     DISTS,
     find_dists_weights,
@@ -142,10 +143,10 @@ def dists(
     `single` computes the activations in float32, as `bench score` does: twice as fast, and equal to
     1e-5. `device` is PyTorch's name of it. Raises as `bench.metrics.lpips`.
     """
-    if a.shape != b.shape:
-        raise ValueError(f"stacks of images must have the same shape, got {a.shape} and {b.shape}")
-    for images in (a, b):
-        require_images(images, _TRUNK.least)
+    require_bytes(a, b)
+    require_same_shape(a, b)
+    require_rgb(a, _TRUNK.least)
+    require_some(a)
     return _load_dists(torch.float32 if single else torch.float64, device).distance(a, b)
 
 

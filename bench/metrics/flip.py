@@ -20,9 +20,9 @@ from types import ModuleType
 import numpy as np
 from numpy.typing import NDArray
 
+from bench.metrics.image_arrays import require_pairs, require_rgb, require_some
 from bench.metrics.inception_weights import WeightsUnavailable
 from bench.metrics.packaged_weights import require_version
-from bench.metrics.structural_similarity import require_images
 from data_prep.arrays import Floats
 
 PACKAGE, VERSION = "flip-evaluator", "1.7"
@@ -52,9 +52,9 @@ def flip(truth: NDArray[np.uint8], images: NDArray[np.uint8]) -> Floats:
     value does not depend on the other images of the stack. Raises ValueError for other arrays, and
     WeightsUnavailable as `flip_module`.
     """
-    require_images(truth, images)
-    if truth.shape[-1] != 3:
-        raise ValueError(f"images must be [N, H, W, 3], got {list(truth.shape)}")
+    require_pairs(truth, images)
+    require_some(truth)
+    require_rgb(truth)
     evaluate = flip_module().evaluate
     values = np.empty(len(truth))
     for number, pair in enumerate(zip(truth, images, strict=True)):

@@ -28,6 +28,7 @@ import torch.nn.functional as F
 from numpy.typing import NDArray
 from torch import Tensor, nn
 
+from bench.metrics.image_arrays import require_rgb
 from bench.metrics.inception_weights import WEIGHTS_SHA256, read_weights
 from learning.exact import exact_inference
 
@@ -301,10 +302,7 @@ def inception_features(
 
     Raises ValueError where the images are not uint8 [N, H, W, 3].
     """
-    if images.dtype != np.uint8 or images.ndim != 4 or images.shape[3] != 3:
-        raise ValueError(
-            f"images must be uint8 [N, H, W, 3], got {images.dtype} {list(images.shape)}"
-        )
+    require_rgb(images)
     device = model.fc.weight.device
     features = np.empty((len(images), FEATURES), dtype=np.float32)
     with exact_inference():

@@ -28,6 +28,7 @@ from numpy.typing import NDArray
 from torch import Tensor
 from torch.nn import functional
 
+from bench.metrics.image_arrays import require_bytes, require_rgb, require_same_shape, require_some
 from bench.metrics.packaged_weights import Net, find_lpips_weights, read_lpips_weights
 from learning.exact import exact_inference
 
@@ -194,7 +195,7 @@ class Lpips:
 
         Raises ValueError for another type or shape, and for sides below the trunk's least.
         """
-        require_images(images, self._trunk.least)
+        require_rgb(images, self._trunk.least)
         for i, (known, seen) in enumerate(self._last):
             if np.array_equal(known, images):
                 self._last.append(self._last.pop(i))
@@ -271,7 +272,7 @@ def lpips(
     ------
     ValueError
         For another `net`, for arrays that are not uint8 or of another shape or differ in shape,
-        and for too small images.
+        for too small images, and where there are none.
     WeightsUnavailable
         Where the package with the weights is not installed.
     BadInput
@@ -279,12 +280,12 @@ def lpips(
     """
     if net not in TRUNKS:
         raise ValueError(f"net must be {' or '.join(TRUNKS)}, got {net!r}")
-    if a.shape != b.shape:
-        raise ValueError(f"stacks of images must have the same shape, got {a.shape} and {b.shape}")
-    if np.ndim(a) == 3:
+    require_bytes(a, b)
+    require_same_shape(a, b)
+    if a.ndim == 3:
         return lpips(a[None], b[None], net, single=single, device=device)[0]
-    for images in (a, b):
-        require_images(images, TRUNKS[net].least)
+    require_rgb(a, TRUNKS[net].least)
+    require_some(a)
     dtype = torch.float32 if single else torch.float64
     network = load_lpips(find_lpips_weights(net), net, dtype, device)
     # Images in one call of `encode`, which keeps the activations of the last two stacks: those of
@@ -295,15 +296,6 @@ def lpips(
         part = slice(start, start + together)
         parts.append(network.distance(network.encode(a[part]), network.encode(b[part])))
     return np.concatenate(parts)
-
-
-def require_images(images: NDArray[np.uint8], least: int) -> None:
-    """Raise ValueError for anything but uint8 [N, H, W, 3], and for a side below `least` px."""
-    shape = f"{images.dtype} {list(images.shape)}"
-    if images.dtype != np.uint8 or images.ndim != 4 or images.shape[3] != 3:
-        raise ValueError(f"images must be uint8 [N, H, W, 3], got {shape}")
-    if min(images.shape[1:3]) < least:
-        raise ValueError(f"images must be of {least} x {least} pixels or more, got {shape}")
 
 
 @functools.lru_cache(maxsize=2)

@@ -14,7 +14,7 @@ from __future__ import annotations
 import numpy as np
 from numpy.typing import NDArray
 
-from bench.metrics.structural_similarity import are_two_images, require_images
+from bench.metrics.image_arrays import are_two_images, require_pairs, require_some
 
 _PEAK = 255.0  # the largest value of a pixel
 
@@ -28,7 +28,7 @@ def psnr(a: NDArray[np.uint8], b: NDArray[np.uint8]) -> NDArray[np.float64]:
     Parameters
     ----------
     a, b : uint8 array, [N, H, W, C] or [H, W, C]
-        Images and their counterparts.
+        Images and their counterparts, with 1, 3 or 4 channels.
 
     Returns
     -------
@@ -39,12 +39,13 @@ def psnr(a: NDArray[np.uint8], b: NDArray[np.uint8]) -> NDArray[np.float64]:
     Raises
     ------
     ValueError
-        Where an array is not uint8 or of another shape, where the shapes differ, and where there is
-        nothing to compare (a dimension of 0).
+        Where an array is not uint8 or of another shape (the channels come last), where the shapes
+        differ, and where there is nothing to compare (a dimension of 0).
     """
     if are_two_images(a, b):
         return psnr(a[None], b[None])[0]
-    require_images(a, b)
+    require_pairs(a, b)
+    require_some(a)
     squares = np.empty(len(a))
     apart = np.empty(a.shape[1:])
     for i in range(len(a)):

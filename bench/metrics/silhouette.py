@@ -22,6 +22,8 @@ from __future__ import annotations
 import numpy as np
 from numpy.typing import NDArray
 
+from bench.metrics.image_arrays import require_bytes, require_channels_last, require_pairs
+
 WHITE = 255  # level of every channel of the background
 # The most contrast to white that is asked for: that of the neutral grey of objects without colours
 # (data_prep.files.meshes.NEUTRAL_GREY).
@@ -33,9 +35,10 @@ Masks = NDArray[np.bool_]  # [N, H, W]
 def foreground(images: NDArray[np.uint8]) -> Masks:
     """Return the pixels [N, H, W] that are not white, of uint8 [N, H, W, C].
 
-    Pixels of an edge count as a whole. Raises ValueError where the images are not uint8.
+    Pixels of an edge count as a whole. Raises ValueError for arrays of another type or shape.
     """
-    _require_uint8(images)
+    require_bytes(images)
+    require_channels_last(images)
     shown = np.zeros(images.shape[:-1], np.bool_)
     for channel in range(images.shape[-1]):  # NumPy is slow along an axis of 3
         shown |= images[..., channel] < WHITE
@@ -45,9 +48,10 @@ def foreground(images: NDArray[np.uint8]) -> Masks:
 def contrast(images: NDArray[np.uint8]) -> NDArray[np.float32]:
     """Return the contrast to white [N, H, W], 0..255: 255 minus the mean of the channels.
 
-    Raises ValueError where the images are not uint8.
+    Raises ValueError for arrays of another type or shape.
     """
-    _require_uint8(images)
+    require_bytes(images)
+    require_channels_last(images)
     total = np.zeros(images.shape[:-1], np.int32)
     for channel in range(images.shape[-1]):
         total += images[..., channel]
@@ -64,7 +68,7 @@ class Pairs:
     """
 
     def __init__(self, truth: NDArray[np.uint8], images: NDArray[np.uint8]) -> None:
-        _require_pairs(truth, images)
+        require_pairs(truth, images)
         self.shown = foreground(truth)
         self._true_contrast, self._drawn_contrast = contrast(truth), contrast(images)
 
@@ -82,18 +86,6 @@ class Pairs:
         return self._drawn_contrast >= np.minimum(asked, MOST_ASKED) / 2
 
 
-def _require_pairs(truth: NDArray[np.uint8], images: NDArray[np.uint8]) -> None:
-    """Raise ValueError as `Pairs`."""
-    for stack in (truth, images):
-        if stack.dtype != np.uint8 or stack.ndim != 4:
-            shape = f"{stack.dtype} {list(stack.shape)}"
-            raise ValueError(f"images must be uint8 [N, H, W, C], got {shape}")
-    if truth.shape != images.shape:
-        raise ValueError(f"images {list(images.shape)} of truths {list(truth.shape)}")
-    if 0 in truth.shape[1:]:
-        raise ValueError(f"nothing to compare, got images {list(truth.shape)}")
-
-
 def object_boxes(truth: NDArray[np.uint8]) -> NDArray[np.intp]:
     """Return the box (top, bottom, left, right) around the object in each true image, [N, 4].
 
@@ -109,16 +101,6 @@ def object_boxes(truth: NDArray[np.uint8]) -> NDArray[np.intp]:
         if len(rows):
             box[:] = rows[0], rows[-1] + 1, columns[0], columns[-1] + 1
     return boxes
-
-
-def _require_uint8(images: NDArray[np.uint8]) -> None:
-    """Raise ValueError unless images are uint8.
-
-    Images of floats in 0..1 would be taken as dark all over, and NaN as no foreground.
-    """
-    if images.dtype != np.uint8:
-        shape = f"{images.dtype} {list(images.shape)}"
-        raise ValueError(f"images must be uint8 (range 0..255), got {shape}")
 
 
 def overlap(a: Masks, b: Masks) -> NDArray[np.float64]:

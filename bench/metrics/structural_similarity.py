@@ -35,6 +35,7 @@ import numpy as np
 from numpy.typing import NDArray
 from threadpoolctl import threadpool_limits
 
+from bench.metrics.image_arrays import are_two_images, require_pairs, require_some
 from data_prep.arrays import Floats
 
 WINDOW = 11  # the side of the window, in pixels
@@ -79,7 +80,7 @@ def ssim(a: NDArray[np.uint8], b: NDArray[np.uint8]) -> Ssim:
     Parameters
     ----------
     a, b : uint8 array, [N, H, W, C] or [H, W, C]
-        Images and their counterparts.
+        Images and their counterparts, with 1, 3 or 4 channels.
 
     Returns
     -------
@@ -89,8 +90,8 @@ def ssim(a: NDArray[np.uint8], b: NDArray[np.uint8]) -> Ssim:
     Raises
     ------
     ValueError
-        Where an array is not uint8 or of another shape, where the shapes differ, and where there is
-        nothing to compare (a dimension of 0).
+        Where an array is not uint8 or of another shape (the channels come last), where the shapes
+        differ, and where there is nothing to compare (a dimension of 0).
     """
     if are_two_images(a, b):
         return ssim(a[None], b[None])
@@ -103,7 +104,8 @@ def ssim_per_image(a: NDArray[np.uint8], b: NDArray[np.uint8]) -> _SsimPerImage:
 
     Raises as `ssim`.
     """
-    require_images(a, b)
+    require_pairs(a, b)
+    require_some(a)
     return _score(a, b, None)[0]
 
 
@@ -118,7 +120,8 @@ def ssim_per_image_and_mask(
     Raises as `ssim`, and ValueError where the masks are not bool or have another shape than the
     images.
     """
-    require_images(a, b)
+    require_pairs(a, b)
+    require_some(a)
     if masks.dtype != np.bool_ or masks.shape != a.shape[:3]:
         raise ValueError(
             f"{list(a.shape)} images need bool masks {list(a.shape[:3])}, "
@@ -228,27 +231,6 @@ def _windows_over(masks: NDArray[np.bool_], size: int) -> NDArray[np.bool_]:
             reach += step
         masks = masks.swapaxes(1, 2)
     return masks
-
-
-def are_two_images(a: NDArray[np.uint8], b: NDArray[np.uint8]) -> bool:
-    """Return whether both arrays are single images [H, W, C], and no stacks.
-
-    An array of three axes whose last is longer than 4 is taken for a stack of grey images.
-    """
-    return a.ndim == b.ndim == 3 and a.shape[-1] <= 4
-
-
-def require_images(a: NDArray[np.uint8], b: NDArray[np.uint8]) -> None:
-    """Raise ValueError unless both arrays are uint8 [N, H, W, C] of one shape and not empty."""
-    shapes = f"{a.dtype} {list(a.shape)} and {b.dtype} {list(b.shape)}"
-    if a.dtype != np.uint8 or b.dtype != np.uint8:
-        raise ValueError(f"images must be uint8 (range 0..255), got {shapes}")
-    if a.ndim != 4 or b.ndim != 4:
-        raise ValueError(f"images must be [N, H, W, C], got {shapes}")
-    if a.shape != b.shape:
-        raise ValueError(f"stacks of images must have the same shape, got {shapes}")
-    if a.size == 0:
-        raise ValueError(f"nothing to compare, got {shapes}")
 
 
 def _window_weights(size: int) -> Floats:

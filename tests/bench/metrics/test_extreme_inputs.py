@@ -13,9 +13,11 @@ from __future__ import annotations
 import functools
 import math
 import re
+from pathlib import Path
 
 import numpy as np
 import pytest
+from PIL import Image
 
 from bench.catalogue.metrics import JUDGE
 from bench.judges.answers import azimuth_error_deg, elevation_error_deg
@@ -111,6 +113,14 @@ def test_two_images_are_a_pair():
             metric(LEG[..., 0], BLACK[..., 0])
 
 
+def test_grey_and_opacity_are_channels():
+    """A channel that both images share scores 1."""
+    coloured = ssim(LEG, BLACK).ssim
+    opaque = (np.concatenate([x, WHITE[..., :1]], axis=3) for x in (LEG, BLACK))
+    assert ssim(LEG[..., :1], BLACK[..., :1]).ssim == pytest.approx(coloured, abs=SUMS)
+    assert ssim(*opaque).ssim == pytest.approx((3 * coloured + 1) / 4, abs=SUMS)
+
+
 @pytest.mark.parametrize("pair", [(0, 255), (255, 0), (0, 1), (128, 127), (200, 7), (255, 218)])
 def test_flat_images(pair):
     images = [flat(level) for level in pair]
@@ -199,6 +209,14 @@ EVERY = (
 )
 CHANNELS_4 = np.zeros((2, 128, 128, 4), np.uint8)
 SIZES = (BLACK[:, :64], BLACK[:, :, :64], BLACK[..., :1], BLACK[0])  # that the judges do not take
+OF_IMAGES = (*SSIM, "psnr", "flip", *OF_OBJECTS, *INVENTED, *OF_DISTANCES)
+CHANNELS_FIRST = [BLACK.transpose(0, 3, 1, 2), np.repeat(BLACK[..., :1], 2, axis=3)]
+NO_ARRAYS = [
+    (BLACK.tolist(), "list"),
+    ("image.png", "str"),
+    (Path("image.png"), "pathlib.PosixPath"),
+    (Image.fromarray(BLACK[0]), "PIL.Image.Image"),
+]
 X = np.random.default_rng(1).standard_normal((8, 4))
 OF_SETS = ("frechet-distance", "kernel-distance")
 
@@ -215,19 +233,23 @@ REFUSED = [  # metrics, images, part of the message
     ((*SSIM, *OF_OBJECTS, *BY_NETWORKS, "dists"), (LEG[0],) * 2, "[128, 128, 3]"),
     ((*SSIM, *OF_OBJECTS, *INVENTED), (LEG[0, :, :, 0],) * 2, "[128, 128]"),
     (BY_NETWORKS, (LEG[0, :, :, 0],) * 2, "images must be uint8 ["),
-    ((*BY_NETWORKS, *OF_DISTANCES), (CHANNELS_4,) * 2, "images must be uint8 ["),
+    ((*BY_NETWORKS, *OF_DISTANCES, "flip"), (CHANNELS_4,) * 2, "images must be uint8 ["),
     *(
         (("fd-views", JUDGE), (x,) * 2, f"[N, 128, 128, 3], got {x.dtype} {list(x.shape)}")
         for x in (*SIZES, BLACK / 255)
     ),
-    (("flip",), (CHANNELS_4,) * 2, "images must be [N, H, W, 3]"),
     ((*SSIM, "psnr", "flip", *OF_DISTANCES), (flat(0, side=64), BLACK), "the same shape"),
-    ((*OF_OBJECTS, *INVENTED), (flat(0, side=64), BLACK), "of truths [1, 64, 64, 3]"),
+    ((*OF_OBJECTS, *INVENTED), (flat(0, side=64), BLACK), "the same shape, got uint8 [1, 64"),
     (OF_FEATURES[:2], (flat(0, side=64), BLACK), "[1, 64, 64, 3]"),
     ((*SSIM, "psnr", *OF_DISTANCES), (BLACK, flat(0, 2)), "the same shape"),
-    ((*OF_OBJECTS, *INVENTED), (BLACK, flat(0, 2)), "of truths [1, 128, 128, 3]"),
-    ((*SSIMS, "psnr", "flip"), (flat(0, 0), flat(0, 0)), "nothing to compare"),
+    ((*OF_OBJECTS, *INVENTED), (BLACK, flat(0, 2)), "the same shape, got uint8 [1, 128"),
+    ((*SSIMS, "psnr", "flip", *OF_DISTANCES), (flat(0, 0),) * 2, "nothing to compare"),
     ((*SSIMS, "psnr", *THIN), (BLACK[..., :0], BLACK[..., :0]), "nothing to compare"),
+    *((OF_IMAGES, (x,) * 2, "channels") for x in CHANNELS_FIRST),
+    *(
+        ((*OF_IMAGES, *PARTS), (x,) * 2, f"arrays uint8 [N, H, W, C], got a {kind}; numpy.asarray")
+        for x, kind in NO_ARRAYS
+    ),
     (("st-lpips",), (BLACK[:, :20],) * 2, "of 21 x 21 pixels or more"),
     (("lpips",), (BLACK[:, :30],) * 2, "of 31 x 31 pixels or more"),
     (("lpips of vgg", "dists"), (BLACK[:, :, :15],) * 2, "of 16 x 16 pixels or more"),
