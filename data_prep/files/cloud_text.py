@@ -22,7 +22,7 @@ from data_prep.files.cloud_contents import (
     color_columns,
     contents_of,
 )
-from data_prep.files.plain_rows import MOST_LINE_LENGTH
+from data_prep.files.plain_rows import MOST_LINE_LENGTH, plain_rows
 from data_prep.files.safe_read import MIB, shown
 from data_prep.files.unnamed_columns import (
     MOST_UNNAMED,
@@ -31,7 +31,8 @@ from data_prep.files.unnamed_columns import (
     colors_of_nine,
 )
 
-# The largest text: 2 million points in lines of the usual length, which take some 10 s to read.
+# The largest text: 2 million points in lines of the usual length. Where they have more than plain
+# numbers, they take some 10 s to read.
 MOST_TEXT_BYTES = 64 * MIB
 HEAD = 64  # the number of first rows that are looked at to find out how rows are written
 # The columns that hold colours where no line names the columns, by the number of columns. Where
@@ -95,28 +96,62 @@ def read_text(
 
     Raises NotACloud for a text that is no table of points.
     """
-    lines_of_text = text_lines(data, json.detect_encoding(data[:4]))  # UTF-8, 16 or 32
-    names, separator, texts = _start_of(lines_of_text, parts)
+    encoding = json.detect_encoding(data[:4])  # UTF-8, 16 or 32
+    names, separator, texts = _start_of(text_lines(data, encoding), parts)
     head = list(islice(texts, HEAD))
     layout, head = _layout_of(head, names, separator, unnamed)
     columns = layout.axes
     if with_colors:
         columns += layout.colours
-    values, lines = array("d"), array("q")
-    for number, fields in _split(chain(head, texts), layout.separator):
-        if len(fields) != layout.width:
-            # Another number of columns is accepted only where rows are separated by spaces: a row
-            # may have words behind its numbers, and names of columns tell which ones count.
-            is_row_of_numbers = not names and all(map(is_number, fields))
-            if layout.separator != " " or is_row_of_numbers:
-                raise _uneven(number, fields, layout.width)
-        values.extend(numbers_of(fields, columns, f"line {number}", layout.decimal_comma))
-        lines.append(number)
-    table = np.array(values, np.float64).reshape(-1, len(columns))
+    table = _plain_table(data, encoding, head[0][0], columns, layout) if head else None
+    if table is not None:
+        lines = range(head[0][0], head[0][0] + len(table))
+    else:
+        rows = _split(chain(head, texts), layout.separator)
+        table, lines = _table(rows, columns, layout, bool(names))
     if layout.unsure:
         _check_first_column(table, layout.width > 3)
     notes = (_COMMAS,) if layout.decimal_comma else ()
     return contents_of(table, bool(layout.colours), unused=layout.unused, lines=lines, notes=notes)
+
+
+def _plain_table(
+    data: bytes, encoding: str, first_line: int, columns: Sequence[int], layout: _Layout
+) -> NDArray[np.float64] | None:
+    """Return what `_table` does of the rows from a line on; None unless all are plain numbers."""
+    if max(columns) >= layout.width:
+        return None
+    text = data if encoding == "utf-8" else data.decode(encoding, "replace").encode()
+    if first_line > 1:
+        end_before = next(islice(re.finditer(rb"\r\n?|\n", text), first_line - 2, None))
+        text = text[end_before.end() :]
+    if layout.decimal_comma:
+        if layout.separator == "," or b"." in text:
+            return None
+        text = text.replace(b",", b".")
+    table = plain_rows(text, layout.width, layout.separator)
+    return None if table is None else table[:, columns]
+
+
+def _table(
+    rows: Iterable[tuple[int, list[str]]], columns: Sequence[int], layout: _Layout, named: bool
+) -> tuple[NDArray[np.float64], Sequence[int]]:
+    """Return the numbers in some columns of rows, and the line of each row.
+
+    Raises NotACloud, which names the line, for a row with another number of columns or without a
+    number.
+    """
+    values, lines = array("d"), array("q")
+    for number, fields in rows:
+        if len(fields) != layout.width:
+            # Another number of columns is accepted only where rows are separated by spaces: a row
+            # may have words behind its numbers, and names of columns tell which ones count.
+            is_row_of_numbers = not named and all(map(is_number, fields))
+            if layout.separator != " " or is_row_of_numbers:
+                raise _uneven(number, fields, layout.width)
+        values.extend(numbers_of(fields, columns, f"line {number}", layout.decimal_comma))
+        lines.append(number)
+    return np.array(values, np.float64).reshape(-1, len(columns)), lines
 
 
 def _layout_of(

@@ -28,7 +28,7 @@ def plain_rows(text: bytes, width: int, separator: str = " ") -> NDArray[np.floa
     """
     if b"\r" in text:
         text = text.replace(b"\r\n", b"\n").replace(b"\r", b"\n")
-    text = text.rstrip(b" \t\n")
+    text = text.rstrip(b"\n")
     if not text or text.translate(None, _PLAIN):
         return None
     ends = np.flatnonzero(np.frombuffer(text, np.uint8) == ord("\n"))
