@@ -7,8 +7,8 @@ sizes that it claims.
 Scans are read by the libraries of the extra `clouds`, but for PCD that is not compressed:
 
     LAS, LAZ  laspy with lazrs, piece by piece
-    E57       pye57; all scans, each placed by its pose, without points marked as invalid
-    PCD       python-neo-lzf, for the blocks of compressed ones
+    E57       pye57 (`cloud_e57.py`)
+    PCD       python-neo-lzf, for the blocks of compressed ones (`cloud_pcd.py`)
 
 Of scans of more than two million points as many are read, chosen at random, and a note says so.
 The libraries are not written for untrusted files: they belong into a worker with limits, as in
@@ -24,7 +24,6 @@ import os
 import re
 import warnings
 from collections.abc import Callable, Mapping, Sequence
-from contextlib import closing
 from dataclasses import dataclass
 from functools import partial
 from pathlib import Path
@@ -46,6 +45,7 @@ from data_prep.files.cloud_contents import (
     color_columns,
     contents_of,
 )
+from data_prep.files.cloud_e57 import read_e57
 from data_prep.files.cloud_pcd import read_pcd
 from data_prep.files.cloud_ply import read_ply
 from data_prep.files.cloud_text import MINUS, PTS_COLOURS, is_number, read_text
@@ -328,26 +328,8 @@ def _read_las(
 def _read_e57(
     file: io.BufferedReader, path: Path, limits: ScanLimits, with_colors: bool
 ) -> ScanPoints:
-    import pye57
-
-    axes = "cartesianX", "cartesianY", "cartesianZ"
-    channels = "colorRed", "colorGreen", "colorBlue"
-    with closing(pye57.E57(str(path))) as e57:
-        headers = [e57.get_header(i) for i in range(e57.scan_count)]
-        check_claim(sum(header.point_count for header in headers), limits.claimed)
-        has_colors = any(channels[0] in header.point_fields for header in headers)
-        columns = axes + channels if with_colors and has_colors else axes
-        scans = [
-            e57.read_scan(i, colors=len(columns) > 3, ignore_missing_fields=True)
-            for i in range(e57.scan_count)
-        ]
-    parts = [np.empty((0, len(columns)))]
-    for scan in scans:
-        # A scan without colours, in a file where others have some, becomes black.
-        black = np.zeros(len(scan[axes[0]]))
-        parts.append(np.stack([scan.get(name, black) for name in columns], axis=1))
-    points = np.concatenate(parts)
-    return ScanPoints(points[random_rows(len(points), limits.kept)], has_colors, len(points))
+    scan = read_e57(path, limits.claimed, with_colors)
+    return scan._replace(table=scan.table[random_rows(scan.in_file, limits.kept)])
 
 
 def _read_pcd(

@@ -10,6 +10,7 @@ from data_prep.clouds.sampling import random_rows
 from data_prep.failures import BadInput, MissingDependency
 from data_prep.files.cloud_contents import COLOURS
 from data_prep.files.clouds import ScanLimits, load_points, read_cloud, read_scan
+from data_prep.scene import NEUTRAL_GREY
 from tests.data_prep.files.pcd_files import pcd
 
 laspy = pytest.importorskip("laspy", reason="the extra 'clouds' is not installed")
@@ -33,6 +34,52 @@ def write_e57(path: Path, *scans: np.ndarray, **pose) -> None:
         axes = zip(("cartesianX", "cartesianY", "cartesianZ"), points.T, strict=True)
         file.write_scan_raw({name: np.ascontiguousarray(v) for name, v in axes}, **pose)
     file.close()
+
+
+CARTESIAN = ("cartesianX", "cartesianY", "cartesianZ")
+SPHERICAL = ("sphericalRange", "sphericalAzimuth", "sphericalElevation")
+
+
+def add_scan(
+    file: pye57.E57,
+    points: np.ndarray,
+    colours: np.ndarray,
+    most: float,
+    limit: float | None,
+    axes: tuple[str, ...] = CARTESIAN,
+) -> None:
+    """Add a scan with colours, or coordinates, of another type than pye57 writes.
+
+    most   the largest value that is stored; a fraction for floats
+    limit  the largest value that the scan states; None for none
+    """
+    lib, image = pye57.libe57, file.image_file
+    scan, prototype = lib.StructureNode(image), lib.StructureNode(image)
+    scan.set("guid", lib.StringNode(image, "{1}"))
+    columns = dict(zip(axes, points.T, strict=True))
+    for name in axes:
+        prototype.set(name, lib.FloatNode(image, 0.0))
+    limits = lib.StructureNode(image)
+    for name, column in zip(("colorRed", "colorGreen", "colorBlue"), colours.T, strict=True):
+        columns[name] = column
+        is_whole = colours.dtype.kind in "iu"
+        node = lib.IntegerNode(image, 0, 0, most) if is_whole else lib.FloatNode(image, 0.0)
+        prototype.set(name, node)
+        if limit is not None:
+            limits.set(f"{name}Minimum", lib.FloatNode(image, 0.0))
+            limits.set(f"{name}Maximum", lib.FloatNode(image, limit))
+    if limit is not None:
+        scan.set("colorLimits", limits)
+    vector = lib.CompressedVectorNode(image, prototype, lib.VectorNode(image, True))
+    scan.set("points", vector)
+    file.data3d.append(scan)
+    buffers, arrays = lib.VectorSourceDestBuffer(), []
+    for name, column in columns.items():
+        arrays.append(np.array(column, np.float64))
+        buffers.append(lib.SourceDestBuffer(image, name, arrays[-1], len(column), True, True))
+    writer = vector.writer(buffers)
+    writer.write(len(points))
+    writer.close()
 
 
 def write_pcd(path: Path, points: np.ndarray = POINTS, encoding: str = "binary") -> None:
@@ -192,6 +239,75 @@ def test_colours(tmp_path: Path) -> None:
         rows = random_rows(len(POINTS), 250)
         assert np.array_equal(thinned.points, POINTS[rows])
         assert np.array_equal(thinned.colors, colours[rows])
+
+
+BYTES = np.array([[255, 0, 128], [1, 1, 0], [7, 8, 9]])
+RAMP = np.array([[0, 0.5, 1], [0.2, 0, 0], [0.4, 0.6, 0.8]])
+
+
+@pytest.mark.parametrize(
+    ("colours", "most", "limit", "expected"),
+    [
+        (BYTES, 255, 255.0, BYTES),
+        (BYTES, 255, None, BYTES),
+        (257 * BYTES, 65535, 65535.0, BYTES),
+        (257 * BYTES, 65535, None, BYTES),
+        (257 * BYTES, 65535, 255.0, BYTES),
+        (BYTES, 65535, 65535.0, np.array([[1, 0, 0], [0, 0, 0], [0, 0, 0]])),
+        (BYTES, 65535, 255.0, BYTES),
+        (BYTES, 255, 65535.0, BYTES),
+        (np.array([[1023, 0, 512]] * 3), 1023, 1023.0, np.array([[255, 0, 128]] * 3)),
+        (RAMP, 1.0, 1.0, np.array([[0, 128, 255], [51, 0, 0], [102, 153, 204]])),
+        (RAMP, 1.0, None, np.array([[0, 128, 255], [51, 0, 0], [102, 153, 204]])),
+    ],
+    ids=[
+        "bytes", "bytes-unstated", "16-bits", "16-bits-unstated", "16-bits-misstated", "dark",
+        "bytes-in-words", "words-misstated", "10-bits", "fractions", "fractions-unstated",
+    ],
+)  # fmt: skip
+def test_colours_of_an_e57_of_any_range(
+    tmp_path: Path, colours: np.ndarray, most: float, limit: float | None, expected: np.ndarray
+) -> None:
+    with pye57.E57(str(tmp_path / "a.e57"), mode="w") as file:
+        add_scan(file, POINTS[:3], colours, most, limit)
+    contents = read_cloud(tmp_path / "a.e57", with_colors=True)
+    assert np.array_equal(contents.points, POINTS[:3])
+    assert np.array_equal(contents.colors, expected)
+    assert contents.notes == ()
+
+
+def test_scans_of_an_e57_whose_colours_differ(tmp_path: Path) -> None:
+    """Each is read by its own range; one without colours is grey, and a note says so."""
+    with pye57.E57(str(tmp_path / "a.e57"), mode="w") as file:
+        add_scan(file, POINTS[:3], 257 * BYTES, 65535, None)
+        x, y, z = np.ascontiguousarray(POINTS[3:5].T)
+        file.write_scan_raw({"cartesianX": x, "cartesianY": y, "cartesianZ": z})
+        add_scan(file, POINTS[5:8], BYTES, 255, 255.0)
+    contents = read_cloud(tmp_path / "a.e57", with_colors=True)
+    assert np.array_equal(contents.points, POINTS[:8])
+    assert np.array_equal(contents.colors, [*BYTES, *[NEUTRAL_GREY] * 2, *BYTES])
+    assert contents.notes == ("1 of 3 scans have no colours, and are grey",)
+    assert read_cloud(tmp_path / "a.e57").notes == ()
+
+
+def test_spherical_coordinates_of_an_e57(tmp_path: Path) -> None:
+    """A range, an azimuth from +X and an elevation above the plane of x and y."""
+    spherical = np.array([[2.0, 0.0, 0.0], [2.0, np.pi / 2, 0.0], [2.0, 1.0, np.pi / 2]])
+    with pye57.E57(str(tmp_path / "a.e57"), mode="w") as file:
+        add_scan(file, spherical, BYTES, 255, 255.0, SPHERICAL)
+    contents = read_cloud(tmp_path / "a.e57", with_colors=True)
+    # Sine and cosine of pi / 2 are off by less than 2^-53 each, and lengths are 2.
+    np.testing.assert_allclose(contents.points, 2 * np.eye(3), atol=2**-51)
+    assert np.array_equal(contents.colors, BYTES)
+
+
+def test_points_of_an_e57_that_are_marked_as_invalid(tmp_path: Path) -> None:
+    x, y, z = np.ascontiguousarray(POINTS[:4].T)
+    columns = {"cartesianX": x, "cartesianY": y, "cartesianZ": z}
+    columns["cartesianInvalidState"] = np.array([0, 2, 0, 1], np.int8)
+    with pye57.E57(str(tmp_path / "a.e57"), mode="w") as file:
+        file.write_scan_raw(columns)
+    assert np.array_equal(load_points(tmp_path / "a.e57"), POINTS[[0, 2]])
 
 
 def test_a_scan_without_colours(tmp_path: Path) -> None:
