@@ -103,7 +103,8 @@ def read_contents(path: Path, within: Path | None = None) -> MeshContents:
 
 def _mesh(path: Path, contents: MeshContents) -> Mesh:
     try:
-        return Mesh(contents.vertices, contents.faces, contents.face_colors)
+        vertices = contents.vertices.astype(np.float32)
+        return Mesh(vertices, contents.faces.astype(np.int32), contents.face_colors)
     except ValueError as error:
         raise BadInput(f"{path}: {error}") from error
 

@@ -288,6 +288,23 @@ def trimesh_reads_part_of_a_cloud() -> str:
     return f"{len(cut_short.vertices)} points, where the header has 9; {other}"
 
 
+@defect(
+    r"^relative 3\.5 of 0\.5, concave 3\.0 of 1\.0$",
+    "data_prep.files.meshes.read_contents",
+)
+def trimesh_reads_other_meshes() -> str:
+    """Indices of an OBJ that count backwards count from the end of the file, and concave polygons
+    are fans."""
+
+    def area(text: str) -> float:
+        return round(float(trimesh.load(io.StringIO(text), file_type="obj").area), 6)
+
+    corners = "v 0 0 0\nv 1 0 0\nv 0 1 0\n"
+    relative = area(f"{corners}f -3 -2 -1\nv 0 8 0\n")
+    concave = area("v 0 0 0\nv 2 0 0\nv .5 .5 0\nv 0 2 0\nf 2 3 4 1\n")
+    return f"relative {relative} of 0.5, concave {concave} of 1.0"
+
+
 @pytest.fixture(scope="module")
 def observed() -> dict[str, str]:
     """Return the answer of each demonstration; some 40 s with two workers."""
