@@ -252,7 +252,7 @@ RAMP = np.array([[0, 0.5, 1], [0.2, 0, 0], [0.4, 0.6, 0.8]])
         (BYTES, 255, None, BYTES),
         (257 * BYTES, 65535, 65535.0, BYTES),
         (257 * BYTES, 65535, None, BYTES),
-        (257 * BYTES, 65535, 255.0, BYTES),
+        (257 * BYTES, 65535, 1023.0, BYTES),
         (BYTES, 65535, 65535.0, np.array([[1, 0, 0], [0, 0, 0], [0, 0, 0]])),
         (BYTES, 65535, 255.0, BYTES),
         (BYTES, 255, 65535.0, BYTES),
