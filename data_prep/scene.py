@@ -23,6 +23,7 @@ from __future__ import annotations
 import math
 from collections.abc import Sequence
 from dataclasses import dataclass
+from numbers import Real
 from typing import Any, Protocol
 
 import numpy as np
@@ -108,14 +109,24 @@ class View:
     Raises
     ------
     ValueError
-        If an angle is not finite or the elevation lies outside -90..90.
+        If an angle is no finite number or the elevation lies outside -90..90.
     """
 
     azimuth_deg: float
     elevation_deg: float
 
     def __post_init__(self) -> None:
-        if not math.isfinite(self.azimuth_deg):
+        for name, angle in (
+            ("azimuth_deg", self.azimuth_deg),
+            ("elevation_deg", self.elevation_deg),
+        ):
+            if isinstance(angle, bool) or not isinstance(angle, Real):
+                raise ValueError(f"{name} must be a number of degrees, got {angle!r:.40}")
+        try:
+            finite = math.isfinite(self.azimuth_deg)
+        except OverflowError:  # a whole number beyond float64
+            raise ValueError("azimuth_deg must be finite, got more than 308 digits") from None
+        if not finite:
             raise ValueError(f"azimuth_deg must be finite, got {self.azimuth_deg}")
         if not -90.0 <= self.elevation_deg <= 90.0:
             raise ValueError(f"elevation_deg must lie in -90..90, got {self.elevation_deg}")

@@ -68,6 +68,13 @@ LIMITS = Limits(time_s=120.0, memory_gib=4.0)
 Background = Literal["white", "transparent"]
 
 
+def _check_count(name: str, count: int | None) -> None:
+    """Raise BadInput for a number of things that is no whole number from 1, and not None."""
+    whole = isinstance(count, int | np.integer) and not isinstance(count, bool)
+    if count is not None and not (whole and count >= 1):
+        raise BadInput(f"{name} {count!r}: must be a whole number from 1, or None")
+
+
 @dataclass(frozen=True)
 class CloudFile:
     """A file with points, and how they become a cloud.
@@ -92,6 +99,11 @@ class CloudFile:
         Whether to read the colours of the points; a file without them is refused.
     up_unknown : bool
         Whether `up` is a guess: then a note tells where the cloud looks as if z were up.
+
+    Raises
+    ------
+    data_prep.failures.BadInput
+        For a `most` that is no whole number from 1.
     """
 
     path: Path
@@ -103,6 +115,9 @@ class CloudFile:
     drop_far: bool = False
     with_colors: bool = False
     up_unknown: bool = False
+
+    def __post_init__(self) -> None:
+        _check_count("most", self.most)
 
     def load(self) -> PointCloud:
         """Return the cloud.
@@ -320,7 +335,7 @@ class Drawing:
     Raises
     ------
     data_prep.failures.BadInput
-        For an unknown device or background, and for a size out of range.
+        For an unknown device or background, for a size or batch out of range, and without views.
     """
 
     method: str
@@ -336,6 +351,14 @@ class Drawing:
             raise BadInput(
                 f"size {self.size!r}: must be a whole number, {ANY_SIZE[0]} to {ANY_SIZE[-1]}"
             )
+        if not self.views:
+            raise BadInput("views: there are none; give at least one View")
+        for view in self.views:
+            if not isinstance(view, View):
+                raise BadInput(
+                    f"views: {view!r} is no View; give a tuple of View(azimuth, elevation)"
+                )
+        _check_count("batch", self.batch)
         if self.device not in ("auto", "cpu", "cuda"):
             raise BadInput(f"device {self.device!r}: must be auto, cpu or cuda")
         if self.background not in get_args(Background):

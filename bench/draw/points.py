@@ -3,10 +3,11 @@
 from __future__ import annotations
 
 import inspect
+import math
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 from functools import partial
-from numbers import Integral, Real
+from numbers import Integral
 from pathlib import Path
 from typing import Any, Literal, cast, overload
 
@@ -42,6 +43,8 @@ from data_prep.scene import IMAGE_SIZE, Mesh, PointCloud, View
 
 # The most images of a turntable: one every tenth of a degree. At 128 x 128 pixels they take 180 MB.
 _MOST_FRAMES = 3_600
+# The most pixels in all images of a turntable together: 64 images of 2048 x 2048 take 800 MB.
+_MOST_PIXELS = 2**28
 # Notes on files name options of the command line: what stands for them in calls from Python.
 _SPELT = {
     "--drop-invalid": "drop_invalid=True",
@@ -97,7 +100,8 @@ def _draw(
     """
     if not isinstance(method, str | None):
         raise BadInput(f"method {method!r}: must be the id of one method")
-    if not isinstance(budget_ms, int | float | None):
+    is_number = isinstance(budget_ms, int | float) and not isinstance(budget_ms, bool)
+    if budget_ms is not None and not (is_number and not math.isnan(budget_ms)):
         raise BadInput(f"budget_ms {budget_ms!r}: must be a number of milliseconds")
     notes: list[str] = []
 
@@ -106,6 +110,11 @@ def _draw(
         (method_id,) = methods_to_draw(named, colour, budget_ms)
         find_drawer(method_id)
         drawing = Drawing(method_id, tuple(views), device=device, size=size, background=background)
+        if len(views) * size**2 > _MOST_PIXELS:
+            raise BadInput(
+                f"size {size}: at most {int((_MOST_PIXELS / len(views)) ** 0.5)} with "
+                f"{len(views)} images; give a smaller size, or fewer images"
+            )
         if isinstance(points, str | Path):
             cloud, on_points = _cloud_of_file(
                 points, columns, up=up, front=front, drop_far=drop_far, drop_invalid=drop_invalid
@@ -341,18 +350,10 @@ def draw_cloud(
         Where the method cannot draw this cloud.
     """
     _check_options("draw_cloud", "azimuth_deg", options)
-    view = View(_angle("azimuth_deg", azimuth_deg), _angle("elevation_deg", elevation_deg))
-    drawing, drawn = _draw(points, [view], **options)
+    drawing, drawn = _draw(points, [View(azimuth_deg, elevation_deg)], **options)
     if return_maps:
         return drawn.images[0], _maps_of(drawing, drawn)
     return drawn.images[0]
-
-
-def _angle(name: str, value: float) -> float:
-    """Return an angle in degrees. Raises ValueError where it is not a number."""
-    if isinstance(value, bool) or not isinstance(value, Real):
-        raise ValueError(f"{name} must be a number of degrees, got {value!r:.40}")
-    return value
 
 
 def turntable(
@@ -368,7 +369,8 @@ def turntable(
     points, elevation_deg, **options
         As in `draw_cloud`; a budget is for the first image.
     frames : int
-        Number of images, 1 to 3600; the first has azimuth 0.
+        Number of images, 1 to 3600; the first has azimuth 0. At larger sizes fewer: all together
+        have at most 2^28 pixels.
 
     Returns
     -------
@@ -378,12 +380,11 @@ def turntable(
     Raises
     ------
     ValueError, data_prep.failures.StageFailure
-        As in `draw_cloud`, and for other numbers of frames.
+        As in `draw_cloud`, and for other numbers of frames, or too many for their size.
     """
     whole = isinstance(frames, Integral) and not isinstance(frames, bool)
     if not whole or not 1 <= frames <= _MOST_FRAMES:
         raise ValueError(f"frames must be a whole number from 1 to {_MOST_FRAMES}, got {frames!r}")
-    elevation_deg = _angle("elevation_deg", elevation_deg)
     views = [View(360 * i / frames, elevation_deg) for i in range(frames)]
     _check_options("turntable", "frames", options)
     _, drawn = _draw(points, views, **options)

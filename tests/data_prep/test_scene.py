@@ -99,9 +99,9 @@ def test_views_are_equal_by_their_angles_which_have_limits() -> None:
         assert (view.azimuth_deg, view.elevation_deg) == (azimuth, elevation)
         assert view == View(azimuth, elevation)
         assert hash(view) == hash(View(azimuth, elevation))
-    for azimuth in (math.nan, -math.inf):
+    for azimuth in (math.nan, -math.inf, 10**400, True, "0", None):
         with pytest.raises(ValueError, match="azimuth_deg"):
             View(azimuth, 0)
-    for elevation in (math.nan, math.nextafter(90, 91), math.nextafter(-90, -91)):
+    for elevation in (math.nan, math.nextafter(90, 91), math.nextafter(-90, -91), False, "0"):
         with pytest.raises(ValueError, match="elevation_deg"):
             View(0, elevation)

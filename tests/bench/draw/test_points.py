@@ -2,7 +2,10 @@
 
 from __future__ import annotations
 
+import math
+import re
 import warnings
+from pathlib import Path
 
 import numpy as np
 import pandas as pd
@@ -10,7 +13,7 @@ import pytest
 import torch
 
 import bench
-from bench.draw.cloud import Drawing, Failed, draw_in_process
+from bench.draw.cloud import CloudFile, Drawing, Failed, draw_in_process
 from data_prep.clouds.normalise import normalise_points
 from data_prep.failures import BadInput, StageFailure
 from data_prep.randomness import generator
@@ -78,7 +81,11 @@ WRONG = {  # what is raised, for which arguments, and what is said
         ({"background": "red"}, "background 'red': must be white or transparent"),
         ({"device": "gpu"}, "device 'gpu': must be auto, cpu or cuda"),
         ({"method": ["splat"]}, r"method \['splat'\]: must be the id of one method"),
-        ({"budget_ms": "50ms"}, "budget_ms '50ms': must be a number of milliseconds"),
+        *(
+            ({"budget_ms": budget, "method": None}, f"budget_ms {budget!r}: must be a number")
+            for budget in ("50ms", True, math.nan)
+        ),
+        ({"frames": 3600, "size": 2048}, "size 2048: at most 273 with 3600 images; give a smaller"),
         ({"points": TABLE}, "points: columns 'nx, ny, nz'; name three of them x, y and z"),
         ({"up": "w"}, "up 'w': no axis"),
         ({"up": None}, "up 'None': no axis"),
@@ -112,6 +119,29 @@ def test_what_cannot_be_drawn(points, kind):
 def test_an_angle_is_a_number(points, angle):
     with pytest.raises(ValueError, match=f"azimuth_deg must be a number of degrees, got {angle!r}"):
         bench.draw_cloud(points, azimuth_deg=angle, method="splat")
+
+
+FRONT = (View(0, 0),)
+
+
+@pytest.mark.parametrize(
+    ("make", "says"),
+    [
+        (lambda: Drawing("splat", ()), "views: there are none; give at least one View"),
+        (lambda: Drawing("splat", (True,)), "views: True is no View"),
+        *(
+            (lambda batch=batch: Drawing("splat", FRONT, batch=batch), f"batch {batch!r}: must be")
+            for batch in (True, 0, -3, 2.0)
+        ),
+        *(
+            (lambda most=most: CloudFile(Path("a.npy"), True, most=most), f"most {most!r}: must be")
+            for most in (True, 0, -1, 1e3)
+        ),
+    ],
+)
+def test_numbers_of_a_request_are_checked_when_it_is_made(make, says):
+    with pytest.raises(BadInput, match=re.escape(says)):
+        make()
 
 
 def test_further_columns_files_sizes_and_points_that_are_not_finite(points, tmp_path):
