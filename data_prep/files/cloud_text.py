@@ -189,6 +189,8 @@ def _layout_of(
         _check_kind(filled, numbers)
         if numbers is not None and width == 9 and unnamed:
             colours = colors_of_nine(numbers)
+        if numbers is not None and (numbers[:, colours] < 0).any():
+            colours = ()  # normals
     if unsure and filled > 3:
         _check_unnamed(rows, separator)
     if decimal_comma:

@@ -234,6 +234,8 @@ def _read_npy(data: bytes, with_colors: bool = False) -> CloudContents:
     if axes:
         rows = np.stack([rows[field].astype(np.float64) for field in fields], axis=1)
     columns, has_colors = len(names) or shape[1], rows.shape[1] == 6
+    if has_colors and not axes and (rows[:, 3:] < 0).any():
+        has_colors, rows = False, rows[:, :3]  # normals, as no line names the columns
     unused = (f"{columns - 3} of its {columns} columns",) if columns > 3 else ()
     whole = set(kinds[-3:]) <= set("iu")
     table = np.array(rows if with_colors else rows[:, :3])  # a copy, which frees the file's bytes
@@ -283,7 +285,10 @@ def read_scan(
         raise BadInput(f"{path}: {problem}") from problem.__cause__
     except BadInput:
         raise
-    except Exception as error:  # the parsers of the libraries may raise any exception
+    except BaseException as error:  # the parsers of the libraries may raise any exception
+        # A panic of lazrs, which is written in Rust, is no Exception, and has no other name.
+        if not isinstance(error, Exception) and type(error).__name__ != "PanicException":
+            raise
         kind = path.suffix[1:].upper()
         raise BadInput(
             f"{path}: not a readable {kind} file ({reason_of(error)}); fetch it again"

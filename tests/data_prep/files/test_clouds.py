@@ -293,9 +293,17 @@ def test_a_colour_of_ones_is_dark_where_numbers_are_whole(
     assert colors.tolist() == [colour]
 
 
-@pytest.mark.parametrize("name", ["little.ply", "a.npy", "a.xyz", "names.csv"])
+NORMALS = {
+    "normals.xyz": columns("", " 0 0 -1"),
+    "normals.npy": npy(
+        np.concatenate([POINTS, np.tile([0.6, 0.0, -0.8], (len(POINTS), 1))], axis=1)
+    ),
+}
+
+
+@pytest.mark.parametrize("name", ["little.ply", "a.npy", "a.xyz", "names.csv", *NORMALS])
 def test_a_file_without_colours_has_none(tmp_path: Path, name: str) -> None:
-    (tmp_path / name).write_bytes(WHOLE[name])
+    (tmp_path / name).write_bytes((WHOLE | NORMALS)[name])
     contents = read_cloud(tmp_path / name, with_colors=True)
     assert (contents.colors, contents.has_colors) == (None, False)
     np.testing.assert_array_equal(contents.points, POINTS)
@@ -304,7 +312,11 @@ def test_a_file_without_colours_has_none(tmp_path: Path, name: str) -> None:
 @pytest.mark.parametrize(
     ("name", "content", "problem"),
     [
-        ("normals.xyz", b"1 2 3 0 0 -1\n", "its colours have values below 0 or not finite; give"),
+        (
+            "below.csv",
+            b"x,y,z,r,g,b\n1,2,3,0,0,-1\n",
+            "its colours have values below 0 or not finit",
+        ),
         ("nan.npy", npy(np.array([[1, 2, 3, 0, 0, np.nan]])), "values below 0 or not finite"),
         ("large.xyz", b"1 2 3 0 0 70000\n", "its colours have the value 70000; give 0 to 255"),
         ("word.xyz", b"1 2 3 4 5 red\n", "line 1: 'red' is not a number"),
