@@ -43,6 +43,7 @@ from data_prep.files.meshes import load_mesh
 from learning.weights import FILES, objective_of
 from pc2pix.weights import load_weights
 from tests.data_prep.dataset_trees import gltf_binary
+from tests.data_prep.files.pcd_files import pcd
 
 SECRET = "secret"  # a file beside the cases' folders, which no case may read
 PORT = 9  # "discard"; the hook sees who tries to connect
@@ -164,6 +165,13 @@ def cloud_ply(binary: bool) -> bytes:
 
 def cloud_text(separator: str) -> bytes:
     return table((np.arange(24.0).reshape(8, 3) / 8).tolist(), separator).encode()
+
+
+def cloud_pcd(encoding: str) -> bytes:
+    """Return eight points; a block is stored as it is, as the library `lzf` may be missing."""
+    x, y, z = (np.arange(24, dtype="<f4").reshape(8, 3) / 8).T
+    colours = np.arange(8, dtype="<u4") << 9
+    return pcd({"x": x, "_": x, "y": y, "z": z, "rgb": colours}, encoding, packed=False)
 
 
 def npy(array: np.ndarray) -> bytes:
@@ -319,6 +327,10 @@ FORMATS: Mapping[str, Format] = {
     ),
     "cloud-text": Format(
         lambda: ({"a.xyz": cloud_text(" ")}, {"a.csv": cloud_text(",")}), _read_cloud
+    ),
+    "cloud-pcd": Format(
+        lambda: tuple({"a.pcd": cloud_pcd(e)} for e in ("ascii", "binary", "binary_compressed")),
+        _read_cloud,
     ),
     "weights": Format(lambda: ({"w.safetensors": weights()},), _read_weights),
     "view-txt": Format(lambda: ({"view.txt": VIEWS},), read_views),
