@@ -419,7 +419,7 @@ def _draw_all(
             if len(drawn) == len(wanted):
                 del under_way[file]
                 of_requests = notes.pop(file)
-                # Each worker reads the file and gives the same notes on it: they are kept once.
+                # Each request has the same notes on the file: they are kept once.
                 lines = (line for request in wanted for line in of_requests[request])
                 in_order = {request: drawn[request] for request in wanted}
                 yield file, in_order, tuple(dict.fromkeys(lines))

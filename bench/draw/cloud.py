@@ -6,11 +6,12 @@ Files and methods are not trusted, so that a worker process reads the file and d
 from __future__ import annotations
 
 import warnings
+from collections import deque
 from collections.abc import Iterable, Iterator, Sequence
 from dataclasses import dataclass
 from functools import partial
 from pathlib import Path
-from typing import Any, Literal, cast, get_args
+from typing import Any, Literal, NamedTuple, cast, get_args
 
 import numpy as np
 from numpy.typing import NDArray
@@ -427,19 +428,34 @@ def draw_each(
     """Yield for each file and each request the images and the notes, in the order of completion.
 
     For a file that cannot be used, a BadInput stands in place of images. Each pair of file and
-    request is a task, which reads the file anew; each worker loads a method once. Raises BadInput
-    for an unusable method before anything is drawn.
+    request is a task; each worker loads a method once. Of several requests the file is read once,
+    by a task of its own, which hands the cloud on. Raises BadInput for an unusable method before
+    anything is drawn.
     """
     for wanted in requests:
         if isinstance(wanted, Drawing):
             find_drawer(wanted.method)
-    tasks = ((file, wanted) for file in files for wanted in requests)
-    for (file, wanted), result in run_tasks(tasks, _load_and_draw, workers, limits):
-        if isinstance(result, WorkerFailure):
-            yield file, wanted, Failed(result.reason), ()
-        else:
-            drawn, notes = result
-            yield file, wanted, drawn, notes
+    read: deque[LoadedCloud | None] = deque()  # the cloud of the last file; None for no cloud
+
+    def tasks() -> Iterator[_Task | None]:
+        for file in files:
+            if len(requests) == 1:
+                yield _Task(file, requests[0])
+                continue
+            yield _Task(file)
+            while not read:
+                yield None  # until the file has been read
+            if loaded := read.pop():
+                yield from (_Task(file, wanted, loaded) for wanted in requests)
+
+    for task, result in run_tasks(tasks(), _read_or_draw, workers, limits):
+        if task.wanted is None:
+            read.append(result if isinstance(result, LoadedCloud) else None)
+        if isinstance(result, LoadedCloud):
+            continue
+        drawn, notes = (Failed(result.reason), ()) if isinstance(result, WorkerFailure) else result
+        for wanted in requests if task.wanted is None else (task.wanted,):
+            yield task.file, wanted, drawn, notes
 
 
 def draw_in_process(
@@ -555,12 +571,27 @@ def draw_views(renderer: Renderer, cloud: PointCloud, drawing: Drawing) -> Drawn
     return DrawnViews(without_background(drawn, shares, drawing.size), keeper.state, notes)
 
 
-def _load_and_draw(task: tuple[CloudFile, Wanted]) -> tuple[Drawn, Notes]:
-    file, wanted = task
-    try:
-        loaded = file.load_all()
-    except BadInput as error:
-        return error, ()
+class _Task(NamedTuple):
+    """What a worker does: it reads a file, draws its cloud, or both.
+
+    wanted  the images to draw; None to return the cloud
+    loaded  the cloud, where it has been read; None to read it
+    """
+
+    file: CloudFile
+    wanted: Wanted | None = None
+    loaded: LoadedCloud | None = None
+
+
+def _read_or_draw(task: _Task) -> LoadedCloud | tuple[Drawn, Notes]:
+    file, wanted, loaded = task
+    if loaded is None:
+        try:
+            loaded = file.load_all()
+        except BadInput as error:
+            return error, ()
+    if wanted is None:
+        return loaded
     if isinstance(wanted, Dots):
         return draw_dots(loaded.cloud.points, wanted.views), loaded.notes
     drawn, notes = _draw(loaded.cloud, wanted, loaded.colors)

@@ -370,7 +370,7 @@ class TaskPool(Generic[Task, Result]):
 
 
 def run_tasks(
-    tasks: Iterable[Task],
+    tasks: Iterable[Task | None],
     work: Callable[[Task], Result],
     workers: int,
     limits: Limits,
@@ -379,8 +379,8 @@ def run_tasks(
 ) -> Generator[tuple[Task, Result | WorkerFailure], None, None]:
     """Do tasks in worker processes, and yield each with its result or its worker's failure.
 
-    The parameters are those of `TaskPool`. Results come in the order in which tasks end. Closing
-    the iterator stops all workers at once.
+    The parameters are those of `submit_all` and `TaskPool`. Results come in the order in which
+    tasks end. Closing the iterator stops all workers at once.
     """
     with closing(TaskPool(work, workers, limits, environment, tasks_per_worker)) as pool:
         yield from submit_all(tasks, pool)

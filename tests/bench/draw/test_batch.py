@@ -4,7 +4,7 @@ import numpy as np
 import pytest
 from PIL import Image
 
-from bench.draw.cloud import CloudFile, Drawing, draw_each
+from bench.draw.cloud import CloudFile, Dots, Drawing, LoadedCloud, draw_each, draw_file
 from bench.draw.files import images_of_clouds
 from data_prep.failures import BadInput
 from data_prep.files.clouds import save_ply
@@ -76,7 +76,7 @@ def test_clouds_that_fail_are_listed_and_the_others_drawn(command, plugins, clou
 
 def test_a_note_that_files_share_is_one_line(command, plugins, tmp_path):
     for name, columns in (("a.xyz", 6), ("b.xyz", 6), ("c.xyz", 4)):
-        np.savetxt(tmp_path / name, np.eye(4, columns))
+        np.savetxt(tmp_path / name, np.random.default_rng(0).random((5, columns)))
     _, _, err = command("render", tmp_path, "--method", "fake-healthy", "-o", tmp_path / "out")
     notes = [line for line in err.splitlines() if line.startswith("note: ")]
     rest = "(x, y and z are the first 3, as no first line names them) "
@@ -96,6 +96,37 @@ def test_a_worker_loads_a_method_once(plugins, clouds):
     for _, _, images, _ in results:
         assert isinstance(images, np.ndarray)
         assert images[0, 0, 0].tolist() == [1, 1, 1]
+
+
+class _Told(CloudFile):
+    """A file that writes a line beside itself whenever it is read."""
+
+    def load_all(self) -> LoadedCloud:
+        with self.path.with_suffix(".read").open("a") as lines:
+            lines.write("read\n")
+        return super().load_all()
+
+
+def test_each_file_of_sheets_is_read_once_and_drawn_as_alone(plugins, clouds):
+    """Of three files one is no cloud, and is told for each request."""
+    (clouds / "cut.ply").write_bytes((clouds / "a.ply").read_bytes()[:-1])
+    paths = [clouds / "a.ply", clouds / "cut.ply", clouds / "more" / "a.npy"]
+    views = (View(30.0, 20.0),)
+    requests = [Dots(views), Drawing("splat", views), Drawing("fake-healthy", views)]
+    files = [_Told(path, as_is=False) for path in paths]
+    for workers in (1, 3):
+        drawn = {}
+        for file, request, images, _ in draw_each(files, requests, workers):
+            drawn[file.path, request] = images
+        assert len(drawn) == 9
+        for path in paths:
+            assert path.with_suffix(".read").read_text() == "read\n"
+            path.with_suffix(".read").unlink()
+        for request in requests:
+            assert "3 rows of 'vertex'" in str(drawn[paths[1], request])
+    for path in (paths[0], paths[2]):
+        for request in requests[1:]:
+            assert np.array_equal(drawn[path, request], draw_file(CloudFile(path, False), request))
 
 
 def test_two_clouds_of_a_folder_with_one_name(clouds, tmp_path):
