@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import hashlib
 import re
-from collections.abc import Mapping, Sequence
+from collections.abc import Iterator, Mapping, Sequence
 from contextlib import suppress
 from dataclasses import dataclass
 from pathlib import Path, PurePosixPath
@@ -250,8 +250,23 @@ def _examine(obj: SceneObject) -> _ObjectReport:
             return _ObjectReport((problem,))
         cloud = _examine(BareCloud(obj.class_name, obj.object_id, obj.path))
         return _ObjectReport((problem,), as_cloud=cloud.problems)
-    problems = (Problem(name, "it is small in its images", small),) if small else ()
-    return _ObjectReport(problems, as_cloud=problems if isinstance(obj, BareCloud) else None)
+    problems = [Problem(name, "it is small in its images", small)] if small else []
+    if isinstance(obj, BareCloud):
+        return _ObjectReport(tuple(problems), as_cloud=tuple(problems))
+    if isinstance(obj, MeshFile):
+        problems += _partly_read(name, obj)
+    return _ObjectReport(tuple(problems))
+
+
+def _partly_read(name: str, mesh: MeshFile) -> Iterator[Problem]:
+    """Yield the problems of a mesh that can be read, but not with all that it names."""
+    if missing := mesh.missing_files():
+        yield Problem(name, "it names files that are not there", ", ".join(missing))
+    for note in mesh.notes():
+        if note.endswith("left out"):
+            yield Problem(name, "a part of it is not read", note, _cause(note))
+        elif not (missing and note.endswith("not there")):  # those are named above
+            yield Problem(name, "colours are lost", note, _cause(note))
 
 
 def _cause(reason: str) -> str:

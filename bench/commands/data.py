@@ -138,7 +138,10 @@ def _as_json(inspection: Inspection) -> str:
             for problem in inspection.problems
         ],
     }
-    return json.dumps(report, indent=1, ensure_ascii=False)
+    text = json.dumps(report, indent=1, ensure_ascii=False)
+    # A glTF may name a file by half of a surrogate pair, which UTF-8 cannot hold. What stands for
+    # it here is its escape in JSON, too.
+    return text.encode(errors="backslashreplace").decode()
 
 
 @app.command("verify")

@@ -6,7 +6,7 @@ import math
 import time
 import typing
 from collections import Counter
-from collections.abc import Callable, Collection, Generator, Iterator, Mapping
+from collections.abc import Callable, Collection, Generator, Iterator, Mapping, Sequence
 from contextlib import AbstractContextManager, closing, contextmanager
 from dataclasses import asdict, dataclass
 from functools import partial
@@ -60,6 +60,8 @@ from bench.running.pool import QUEUED, Executor
 from bench.running.protocol import Protocol
 from bench.running.ray import RayPool, connected
 from bench.running.work import JobPool, do_and_store
+from data_prep.datasets.dataset import first_names
+from data_prep.datasets.stored_meshes import MeshFile
 from data_prep.failures import BadInput
 from data_prep.progress import log
 
@@ -70,6 +72,9 @@ Publish = Callable[[Path, dict[str, float]], Outputs]
 IMAGE_S = 0.015  # seconds of a core to score an image
 IMAGE_B = 7_000  # bytes of an image in the store, with its scores and features
 _TRUTH_MS = 5.0  # milliseconds to draw a view of the true mesh
+# The most meshes that are searched for the names of missing files before a run: of large data sets
+# with a budget all would take longer than the run.
+_MOST_LOOKED_INTO = 200
 
 
 @dataclass(frozen=True)
@@ -170,6 +175,7 @@ def run(
             schedule = Schedule(planned, store, budget, order, ahead)
             reused, seconds = schedule.total - schedule.left, dict[str, float]()
             _tell_environments(directory, schedule, store.environment)
+            _tell_missing_files(planned, [name for name in order if name not in schedule.complete])
 
             def snapshot() -> PartialRun:
                 objects = [name for name in planned.names if name in schedule.complete]
@@ -226,6 +232,27 @@ def _tell_environments(directory: Path, schedule: Schedule, here: Mapping[str, s
                 f"{directory}: goes on in another environment: {changes}; {jobs} jobs are from "
                 "before, and 'bench check' takes the wider tolerances; --fresh starts over"
             )
+
+
+def _tell_missing_files(planned: Plan, names: Sequence[str]) -> None:
+    """Say on stderr how many objects name files that are not there, and which.
+
+    names  the objects to be done, in the order of their start; the first _MOST_LOOKED_INTO are read
+    """
+    lacking = []
+    for name in names[:_MOST_LOOKED_INTO]:
+        obj = planned.objects[name]  # an object in grey is no `MeshFile`, and needs no materials
+        if isinstance(obj, MeshFile) and (missing := obj.missing_files()):
+            lacking.append(f"{name} ({first_names(missing)})")
+    if lacking:
+        more = len(names) > _MOST_LOOKED_INTO
+        among = f"the first {_MOST_LOOKED_INTO}" if more else str(len(names))
+        line = (
+            f"bench: {len(lacking)} of {among} objects name files that are not there, so that "
+            f"their faces may be grey: {first_names(lacking)}"
+        )
+        # The names come from files of strangers, and might change the settings of a terminal.
+        log("".join(c if c.isprintable() else "?" for c in line))
 
 
 @contextmanager

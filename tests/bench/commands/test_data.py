@@ -237,6 +237,52 @@ def test_all_has_every_split_and_what_is_not_there(tmp_path):
     assert problem.reason == f"{tmp_path}/lists/chair/chair_0009.off: no such file"
 
 
+@pytest.fixture
+def colourless(tmp_path):
+    """A folder of five chairs: three name files that are not there, one is partly unpainted."""
+    folder = tmp_path / "colourless" / "chair"
+    for name in "abcde":
+        mesh(folder / f"{name}.obj")
+    (folder / "a.mtl").unlink()
+    (folder / "b.mtl").write_text("newmtl m0\nmap_Kd wood.png\nnewmtl m1\nnewmtl m2\n")
+    (folder / "c.mtl").write_text("".join(f"newmtl m{i}\nmap_Kd {i}.png\n" for i in range(5)))
+    (folder / "d.mtl").write_text("newmtl m0\nnewmtl m1\n")
+    return folder.parent
+
+
+def test_files_that_meshes_name_and_colours_that_are_lost(colourless):
+    found = inspect(str(colourless), None, 1)
+    assert found.kinds == (
+        "3 of 5 read: it names files that are not there (first chair/a.obj: a.mtl)",
+        "1 of 5 read: colours are lost (first chair/d.obj: the material 'm2' is in none of its "
+        "libraries)",
+    )
+    named = {problem.object: problem.reason for problem in found.problems[:3]}
+    assert named == {
+        "chair/a.obj": "a.mtl",
+        "chair/b.obj": "wood.png",
+        "chair/c.obj": "0.png, 1.png, 2.png, 3.png, 4.png",
+    }
+
+
+@pytest.mark.slow
+def test_a_run_says_at_its_start_which_files_lack_once(command, colourless, tmp_path, no_machine):
+    out = tmp_path / "run"
+    words = ("--methods", "blank", "--conditions", "2048", "--views", "1", "--workers", "1")
+    run = ("run", "--suite", "chair-robustness", "--dataset", f"folder:{colourless}", *words)
+    line = (
+        "bench: 2 of {} objects name files that are not there, so that their faces may be grey: "
+        "chair/a.obj (a.mtl), chair/b.obj (wood.png)\n"
+    )
+    (colourless / "chair" / "c.obj").unlink()
+    for limit, expected in (("3", line.format(3)), ("3", ""), ("4", "")):
+        status, _, err = command(*run, "--limit", limit, "--out", out)
+        told = [text for text in err.splitlines(keepends=True) if "not there" in text]
+        assert (status, "".join(told)) == (0, expected)
+    status, _, err = command(*run, "--truth", "grey", "--out", tmp_path / "grey")
+    assert (status, "not there" in err) == (0, False)
+
+
 def test_a_folder_of_clouds_is_nothing_irregular_but_for_bench_render(tmp_path, command):
     points, equal = np.eye(3, dtype=np.float32), np.zeros((3, 3), np.float32)
     for write in (
