@@ -53,8 +53,8 @@ _GROUPED = re.compile(r"[+-]?[1-9][0-9]{0,2},[0-9]{3}")  # thousands are separat
 _CUT = re.compile(r"[+-]?[0-9]{1,3} [0-9]{3}[.,][0-9]+")
 _CUT_AT_POINT = re.compile(r"[+-]?[0-9]+ 0[0-9]+|-0 [0-9]+")
 # A unit behind the name of a column, as in x (m). The x of P[x] is a name.
-_COLUMN_UNIT = re.compile(r"\s*(?:\[(?![xyz]\])[^\]]*\]|\([^)]*\))", re.I)
-_INTRODUCTION = re.compile(r"\w+:\s")  # a word before names, as in Columns: x y z
+_COLUMN_UNIT = re.compile(r"\[(?![xyz]\])[^][]*\]|\([^()]*\)", re.I)
+_INTRODUCTION = re.compile(r"\b\w+:\s")  # a word before names, as in Columns: x y z
 _NUMBERS = "write numbers such as -1234.5 or 1e-3, without thousands separators"
 _COMMAS = "commas are taken for decimal marks; if they are none, write numbers without them"
 _UNNAMED = " (x, y and z are the first 3, as no first line names them)"
@@ -285,7 +285,7 @@ def _start_of(
 
 def _names(text: str) -> list[str]:
     """Return the names of columns without units, reduced to small letters and digits."""
-    text = _COLUMN_UNIT.sub("", _INTRODUCTION.sub("", text, count=1))
+    text = _COLUMN_UNIT.sub("", _INTRODUCTION.sub("", text, count=1)).strip(" ")
     separator = next((mark for mark in ";\t|," if mark in text), " ")
     fields = next(csv.reader([text], delimiter=separator, skipinitialspace=True), [])
     return [re.sub(r"[^a-z0-9]", "", field.lower()) for field in fields]
