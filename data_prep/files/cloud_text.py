@@ -233,8 +233,8 @@ def _check_kind(columns: int, numbers: NDArray[np.float64] | None) -> None:
         )
     if numbers is not None and are_poses(numbers):
         raise NotACloud(
-            "its rows are poses, a rotation with a position each; give a cloud, or name all "
-            "columns in a first line"
+            "its rows are poses, a rotation with a position and perhaps a time; give a cloud, or "
+            "name all columns in a first line, such as t,x,y,z"
         )
 
 

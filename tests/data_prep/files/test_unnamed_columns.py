@@ -55,7 +55,10 @@ REFUSED = {
         "its rows are poses, a rotation with a pos",
     ),
     "columns.txt": (text_of(POSES.transpose(0, 2, 1).reshape(-1, 16)), "its rows are poses, a rot"),
-    "pose.txt": (text_of(POSES[0]), "its rows are poses, a rotation with a position each; give a"),
+    "pose.txt": (
+        text_of(POSES[0]),
+        "its rows are poses, a rotation with a position and perhaps a time; give",
+    ),
     "matrix.csv": (
         text_of(np.arange(64 * 21).reshape(-1, 21) % 97, b","),
         "21 columns without names, as a matrix or an image has them; name x, y and z in a first",
