@@ -1,7 +1,7 @@
 """Rows of plain numbers, read at once by NumPy.
 
 A reader of text looks at each line, so that it can name the one that is wrong. This takes the large
-files in which nothing is wrong, ten times as fast, and leaves all others to the reader.
+files in which nothing is wrong, five times as fast, and leaves all others to the reader.
 """
 
 from __future__ import annotations
