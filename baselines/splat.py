@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
-from dataclasses import dataclass, field, replace
+from dataclasses import dataclass, replace
 
 import numpy as np
 from numpy.typing import NDArray
@@ -45,17 +45,15 @@ class Splat:
 
     spread  the radius of the discs over the median distance of a point to the nearest other one, so
             that sparser clouds get larger discs
-    colors  uint8 [N, 3], one for each point of the only cloud that is drawn; None for greys that
-            get darker with depth
     """
 
     spread: float = 1.0
-    colors: NDArray[np.uint8] | None = field(default=None, compare=False)
 
     def prepare(self, cloud: PointCloud, rng: np.random.Generator | None = None) -> Discs:
         """Return discs around the points; `rng` is not used.
 
-        A single point, and points that all coincide, get a radius of 0, which `draw` raises to the
+        Discs have the colours of the cloud; without these they are grey, the farther the darker. A
+        single point, and points that all coincide, get a radius of 0, which `draw` raises to the
         smallest disc.
 
         Raises StageFailure("input", ...) for an empty cloud or a non-finite point.
@@ -66,8 +64,8 @@ class Splat:
             raise StageFailure("input", "no points")
         check_finite(points)
         if len(points) == 1:
-            return Discs(points, 0.0, self.colors)
-        return Discs(points, self.spread * float(np.median(_nearest(points))), self.colors)
+            return Discs(points, 0.0, cloud.colors)
+        return Discs(points, self.spread * float(np.median(_nearest(points))), cloud.colors)
 
     def draw(
         self,

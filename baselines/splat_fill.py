@@ -149,7 +149,7 @@ def _paint(state: _OrientedPoints, view: View, size: int) -> tuple[Floats, Float
     # nothing but oblique samples has to be filled, too.
     weight = np.where(shown, np.maximum(SHARE * cosine, LEAST_SHARE), 0.0)
     grey = NEUTRAL_GREY[0] / 255 * cosine ** (1 / GAMMA)
-    return covered, _pull_push(grey, weight)
+    return covered, pull_push(grey, weight)
 
 
 def _smoothed(points: Floats, noise: float, between: float) -> Floats:
@@ -205,17 +205,26 @@ def _outline(occupied: NDArray[np.bool_], radius: float, margin: float) -> Float
 def _visible(depth: Floats, reach: float, tolerance: float) -> NDArray[np.bool_]:
     """Return in which pixels of a depth image [S, S] there is a point that nearer ones do not hide.
 
-    A depth of inf says that a pixel has no point. The depth image is dilated and eroded by `reach`
-    pixels; what lies more than `tolerance` behind the result is hidden.
+    A depth of inf says that a pixel has no point. What lies more than `tolerance` behind the closed
+    depths is hidden.
+    """
+    return np.isfinite(depth) & (depth <= closed_depths(depth, reach) + tolerance)
+
+
+def closed_depths(depth: Floats, reach: float) -> Floats:
+    """Return a depth image [S, S] whose gaps are closed by nearer depths around.
+
+    The image is dilated and eroded by `reach` pixels, at least 1. A depth of inf says that a pixel
+    has no point; where nothing closes it, the result is the largest float.
     """
     border = int(np.ceil(max(reach, 1.0)))
     side, far = 2 * border + 1, np.finfo(np.float64).max
     padded = np.pad(np.minimum(depth, far), border, constant_values=far)
     closed = ndimage.maximum_filter(ndimage.minimum_filter(padded, side), side)
-    return np.isfinite(depth) & (depth <= closed[border:-border, border:-border] + tolerance)
+    return closed[border:-border, border:-border]
 
 
-def _pull_push(values: Floats, weights: Floats) -> Floats:
+def pull_push(values: Floats, weights: Floats) -> Floats:
     """Return an image [S, S] whose pixels of weight below 1 are filled up from coarser images.
 
     values   [S, S]

@@ -156,19 +156,28 @@ class PointCloud:
     origin : CloudOrigin or None
         Place of the cloud in a run. Only methods that are entered by images may use it; the harness
         hides it from every other method.
+    colors : uint8 array [N, 3] or None
+        sRGB colours of the points, 0..255, where known: those of a user's file. Clouds of a suite
+        have none.
 
     Raises
     ------
     ValueError
-        If `points` has another shape.
+        If `points` or `colors` have another shape, or colours are no bytes.
     """
 
     points: Points
     source: Mesh | None = None
     origin: CloudOrigin | None = None
+    colors: NDArray[np.uint8] | None = None
 
     def __post_init__(self) -> None:
         object.__setattr__(self, "points", _read_only(self.points, np.float32, 3, "points"))
+        if self.colors is None:
+            return
+        object.__setattr__(self, "colors", _read_only(self.colors, np.uint8, 3, "colors"))
+        if len(self.colors) != len(self.points):
+            raise ValueError(f"colors: {len(self.colors)} rows for {len(self.points)} points")
 
     def __len__(self) -> int:
         return len(self.points)

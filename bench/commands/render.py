@@ -19,7 +19,7 @@ from bench.catalogue.methods import ANY_SIZE, RECOMMENDED, allow_modules
 from bench.commands.options import OptionSpec, options_from_dataclass, path_argument
 from bench.draw.choice import (
     Notes,
-    check_draws_colours,
+    check_grey,
     methods_to_draw,
     notes_on_methods,
     notes_on_size,
@@ -145,10 +145,10 @@ class RenderOptions:
     background: Literal["white", "transparent"] = _option(
         "white", "White, or transparent pixels (.png or .webp)."
     )
-    colour: Literal["method", "invented", "file"] = _option(
-        "method",
-        "The colours: the method's own; those that a network invents; or, with --method splat, "
-        "those of the file.",
+    colour: Literal["auto", "file", "grey", "invented"] = _option(
+        "auto",
+        "The colours: those of the file where it has any; those of the file, or an error; none; "
+        "those that a network invents.",
     )
     up: str | None = _option(
         None, "Axis of the file that points up, -x to z; z for most scans. Default: y."
@@ -221,9 +221,9 @@ def check(options: RenderOptions, out: Path) -> None:
         raise BadInput("--background transparent: a sheet is white; give one method")
     if transparent:
         check_opacity(out)
-    if options.colour == "file":
+    if options.colour == "grey":
         for method in options.methods:
-            check_draws_colours(method)
+            check_grey(method)
     upright(np.empty((0, 3)), options.up or "y", options.front)
 
 
@@ -267,7 +267,7 @@ def cloud_file(cloud: Path, options: RenderOptions) -> CloudFile:
         most=options.points,
         drop_invalid=options.drop_invalid,
         drop_far=options.drop_far,
-        with_colors=options.colour == "file",
+        colours="grey" if options.colour == "invented" else options.colour,
         up_unknown=options.up is None,
     )
 

@@ -8,7 +8,7 @@ from bench.catalogue.chosen import best_within
 from bench.catalogue.methods import RECOMMENDED, RECOMMENDED_IN_COLOUR, Method, find_method
 from data_prep.failures import BadInput
 
-COLOUR_METHOD = "splat"  # the only method that draws points in the colours of their file
+COLOUR_METHOD = "splat"  # the method that draws the colours of points itself, as discs
 # Lines for the user, on what is left out of a file, and on what a method did to the points.
 Notes = tuple[str, ...]
 
@@ -27,12 +27,12 @@ def find_drawer(method_id: str) -> Method:
     return method
 
 
-def check_draws_colours(method_id: str) -> None:
-    """Raise BadInput for a method that cannot draw points in the colours of their file."""
-    if method_id != COLOUR_METHOD:
+def check_grey(method_id: str) -> None:
+    """Raise BadInput for a method that draws in colours of its own."""
+    if find_method(method_id).color == "invented":
         raise BadInput(
-            f"method '{method_id}' does not draw the colours of a file; give "
-            f"--method {COLOUR_METHOD} alone, or leave out --colour file"
+            f"method '{method_id}' makes colours up; give --method {RECOMMENDED}, or another one "
+            "that draws in grey, or leave out --colour grey"
         )
 
 

@@ -8,7 +8,7 @@ from __future__ import annotations
 import warnings
 from collections import deque
 from collections.abc import Iterable, Iterator, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from functools import partial
 from pathlib import Path
 from typing import Any, Literal, NamedTuple, cast, get_args
@@ -18,8 +18,9 @@ from numpy.typing import NDArray
 
 from bench.catalogue.methods import ANY_SIZE, find_method
 from bench.catalogue.suites import Limits
-from bench.draw.choice import Notes, check_draws_colours, find_drawer
-from bench.draw.finish import guessed_coverage, resized, without_background
+from bench.draw.choice import COLOUR_METHOD, Notes, find_drawer
+from bench.draw.colours import in_colours
+from bench.draw.finish import enlarged, guessed_coverage, resized, without_background
 from bench.draw.thread import on_drawing_thread, one_pool
 from bench.running.pool import WorkerFailure, run_tasks
 from bench.running.work import draw, load_renderer, reason_of
@@ -29,7 +30,8 @@ from data_prep.clouds.normalise import normalise_points
 from data_prep.clouds.orientations import upright
 from data_prep.clouds.sampling import random_rows, sample_faces
 from data_prep.failures import BadInput, MissingDependency
-from data_prep.files.cloud_contents import CloudContents, PointColors
+from data_prep.files.cloud_contents import CloudContents
+from data_prep.files.cloud_text import GUESSED
 from data_prep.files.clouds import read_cloud
 from data_prep.randomness import generator
 from data_prep.rendering.dots import draw_dots
@@ -67,6 +69,7 @@ _MOST_PIXELS = 2**24  # the most pixels that a method draws in one call: 200 MB 
 # minute for 100,000 points.
 LIMITS = Limits(time_s=120.0, memory_gib=4.0)
 Background = Literal["white", "transparent"]
+FileColours = Literal["auto", "file", "grey"]
 
 
 def _check_count(name: str, count: int | None) -> None:
@@ -96,8 +99,9 @@ class CloudFile:
         Whether to leave out points that are not finite; else they are refused, unless `as_is`.
     drop_far : bool
         Whether to leave out points far from all others; else a note tells of them, unless `as_is`.
-    with_colors : bool
-        Whether to read the colours of the points; a file without them is refused.
+    colours : str
+        "auto": the cloud has the colours of its points where the file has any; "file": a file
+        without them is refused; "grey": they are not read.
     up_unknown : bool
         Whether `up` is a guess: then a note tells where the cloud looks as if z were up.
 
@@ -114,7 +118,7 @@ class CloudFile:
     most: int | None = None
     drop_invalid: bool = False
     drop_far: bool = False
-    with_colors: bool = False
+    colours: FileColours = "auto"
     up_unknown: bool = False
 
     def __post_init__(self) -> None:
@@ -136,14 +140,14 @@ class CloudFile:
         return loaded.cloud, loaded.notes
 
     def load_all(self) -> LoadedCloud:
-        """Return the cloud as `load` does, its colours if wanted, and notes on the file."""
-        contents = read_cloud(self.path, self.with_colors)
-        notes = [*contents.notes, *self._notes_on_invalid(contents)]
+        """Return the cloud as `load` does, and notes on the file."""
+        contents, notes = self._contents()
+        notes += self._notes_on_invalid(contents)
         if contents.is_mesh:
             contents = self._on_surface(contents, notes)
-        if self.with_colors and contents.colors is None:
+        if self.colours == "file" and contents.colors is None:
             raise BadInput(f"{self.path}: no colours of its points; {_WHERE_COLOURS}")
-        notes = [*_unused(contents, self.with_colors), *notes]
+        notes = [*_unused(contents), *notes]
         points = upright(contents.points, self.up, self.front)
         kept = np.arange(len(points))
         if self.drop_invalid:
@@ -157,8 +161,28 @@ class CloudFile:
             kept = kept[random_rows(len(kept), self.most)]
         cloud = self._scaled(points[kept])
         notes += self._notes_on_shape(cloud, has_far=bool(far.any()) and not self.drop_far)
-        colors = None if contents.colors is None else contents.colors[kept]
-        return LoadedCloud(cloud, colors, tuple(f"{self.path}: {note}" for note in notes))
+        if contents.colors is not None:
+            cloud = replace(cloud, colors=contents.colors[kept])
+        return LoadedCloud(cloud, tuple(f"{self.path}: {note}" for note in notes))
+
+    def _contents(self) -> tuple[CloudContents, list[str]]:
+        """Return the contents of the file, and notes on them.
+
+        Raises BadInput for a file that cannot be used. Columns that are taken for colours and are
+        none are left out with a note, unless colours have to be read.
+        """
+        if self.colours == "grey":
+            contents = read_cloud(self.path)
+            return contents, list(contents.notes)
+        try:
+            contents = read_cloud(self.path, with_colors=True)
+            return contents, list(contents.notes)
+        except BadInput as error:
+            if self.colours == "file":
+                raise
+            contents = read_cloud(self.path)  # where it is not for its colours, this raises again
+            reason = str(error).removeprefix(f"{self.path}: ")
+            return contents, [*contents.notes, f"drawn without colours: {reason}"]
 
     def _notes_on_invalid(self, contents: CloudContents) -> Notes:
         """Return a note where points that are not finite are left out.
@@ -284,30 +308,26 @@ def looks_lying(cloud: PointCloud) -> bool:
 class LoadedCloud:
     """A cloud that was read from a file.
 
-    cloud   the points
-    colors  their colours, uint8 [N, 3]; None where they were not asked for
-    notes   lines on what was left out or guessed
+    cloud  the points, with their colours where these were asked for and the file has some
+    notes  lines on what was left out or guessed
     """
 
     cloud: PointCloud
-    colors: PointColors | None
     notes: Notes
 
 
-def _unused(contents: CloudContents, with_colors: bool) -> Iterator[str]:
+def _unused(contents: CloudContents) -> Iterator[str]:
     """Yield a note on each part of the contents that is not used."""
-    remedy = ""
-    if contents.has_colors and not with_colors:
-        remedy = "; '--method splat --colour file' draws its colours"
     for part in contents.unused:
         is_faces = part.endswith("faces")
-        if with_colors and not is_faces:
+        if contents.colors is not None and not is_faces:
+            if part.endswith(GUESSED):  # colours that no line names are a guess, too
+                yield f"{part}; three others are drawn as colours, --colour grey leaves them out"
             continue
-        note = f"{part} are not used; only the coordinates of its points are{remedy}"
+        note = f"{part} are not used; only the coordinates of its points are"
         if is_faces:
             note += "; they make no surface of most of these"
         yield note
-        remedy = ""  # only the first note on a file has it
 
 
 @dataclass(frozen=True, eq=False)
@@ -458,19 +478,16 @@ def draw_each(
             yield task.file, wanted, drawn, notes
 
 
-def draw_in_process(
-    cloud: PointCloud, drawing: Drawing, colors: PointColors | None = None
-) -> UInt8Images | Failed:
+def draw_in_process(cloud: PointCloud, drawing: Drawing) -> UInt8Images | Failed:
     """Return images of a cloud, drawn in this process.
 
     Parameters
     ----------
     cloud : PointCloud
-        Points float32 [N, 3], in unit-sphere coordinates.
+        Points float32 [N, 3], in unit-sphere coordinates, and their colours if they are to be
+        drawn.
     drawing : Drawing
         The method and the views.
-    colors : uint8 array [N, 3] or None
-        Colours of the points, for the method `splat`.
 
     Returns
     -------
@@ -480,9 +497,9 @@ def draw_in_process(
     Raises
     ------
     data_prep.failures.BadInput
-        For an unknown method, for one that cannot be loaded, and for colours that it does not draw.
+        For an unknown method, and for one that cannot be loaded.
     """
-    drawn, notes = on_drawing_thread(partial(_draw, cloud, drawing, colors))
+    drawn, notes = on_drawing_thread(partial(_draw, cloud, drawing))
     warn(notes, levels=2)
     return drawn
 
@@ -496,18 +513,10 @@ def warn(notes: Sequence[str], levels: int) -> None:
         warnings.warn(note, stacklevel=levels + 1)
 
 
-def _draw(
-    cloud: PointCloud, drawing: Drawing, colors: PointColors | None
-) -> tuple[UInt8Images | Failed, Notes]:
-    if colors is not None:
-        check_draws_colours(drawing.method)
+def _draw(cloud: PointCloud, drawing: Drawing) -> tuple[UInt8Images | Failed, Notes]:
     renderer: Renderer | None = None
     try:
         renderer = load_renderer(drawing.method, drawing.device)
-        if colors is not None:
-            from baselines.splat import Splat
-
-            renderer = Splat(colors=colors)
         drawn = draw_views(renderer, cloud, drawing)
         return drawn.images, drawn.notes
     except MissingDependency:
@@ -551,13 +560,21 @@ class DrawnViews:
 
 
 def draw_views(renderer: Renderer, cloud: PointCloud, drawing: Drawing) -> DrawnViews:
-    """Draw a cloud with the method's renderer. Raises whatever the method raises."""
+    """Draw a cloud with the method's renderer. Raises whatever the method raises.
+
+    The images are in the colours of the cloud where it has some and the method draws in grey.
+    """
     method, rng = find_method(drawing.method), drawing.rng or generator("render")
     side, keeper = method.drawn_at(drawing.size), _Keeper(renderer)
     batch = drawing.batch or max(1, _MOST_PIXELS // side**2)
     drawn = draw(method, keeper, cloud, drawing.views, rng, batch, side=side).images
     notes = tuple(f"{method.id}: {note}" for note in getattr(keeper.state, "notes", ()))
-    if drawing.background == "white":
+    painted = cloud.colors is not None and method.id != COLOUR_METHOD
+    if painted and method.color != "none":
+        painted = False
+        notes += (f"{method.id}: draws in colours of its own; those of the points are not used",)
+    transparent = drawing.background == "transparent"
+    if not painted and not transparent:
         return DrawnViews(resized(drawn, drawing.size), keeper.state, notes)
     coverage: Any = getattr(renderer, "coverage", None)
     if coverage is None:
@@ -568,7 +585,13 @@ def draw_views(renderer: Renderer, cloud: PointCloud, drawing: Drawing) -> Drawn
         for first in range(0, len(drawing.views), batch):
             parts.append(coverage(keeper.state, drawing.views[first : first + batch], side))
         shares = np.concatenate(parts)
-    return DrawnViews(without_background(drawn, shares, drawing.size), keeper.state, notes)
+    if painted:  # at the size that is asked for, at which colours are sharper than the shading
+        drawn = resized(drawn, drawing.size)
+        shares = np.stack([enlarged(share, drawing.size).clip(0, 1) for share in shares])
+        drawn = in_colours(drawn, shares, cloud, drawing.views)
+    if transparent:
+        return DrawnViews(without_background(drawn, shares, drawing.size), keeper.state, notes)
+    return DrawnViews(resized(drawn, drawing.size), keeper.state, notes)
 
 
 class _Task(NamedTuple):
@@ -594,5 +617,5 @@ def _read_or_draw(task: _Task) -> LoadedCloud | tuple[Drawn, Notes]:
         return loaded
     if isinstance(wanted, Dots):
         return draw_dots(loaded.cloud.points, wanted.views), loaded.notes
-    drawn, notes = _draw(loaded.cloud, wanted, loaded.colors)
+    drawn, notes = _draw(loaded.cloud, wanted)
     return drawn, (*loaded.notes, *(f"{file.path}: {note}" for note in notes))

@@ -61,7 +61,7 @@ def without_background(
     for image, share, out in zip(images, coverage, rgba, strict=True):
         (large,) = resized(image[None], size)
         covered = np.where(share < _UNSURE, 0, np.where(share > 1 - _UNSURE, 1, share))
-        levels = np.floor(255 * _enlarged(covered, size).clip(0, 1) + 0.5)
+        levels = np.floor(255 * enlarged(covered, size).clip(0, 1) + 0.5)
         # A pixel that is less opaque than it is dark would need a colour darker than black.
         levels = np.maximum(levels, 255 - large.min(axis=-1))[..., None]
         colour = np.full(large.shape, 255.0)
@@ -70,7 +70,7 @@ def without_background(
     return rgba
 
 
-def _enlarged(share: NDArray[np.float32], size: int) -> NDArray[np.float32]:
+def enlarged(share: NDArray[np.float32], size: int) -> NDArray[np.float32]:
     """Return a coverage [S, S] resampled as `resized` does; values may go below 0 or above 1."""
     from PIL import Image
 

@@ -5,7 +5,7 @@ from __future__ import annotations
 import inspect
 import math
 from collections.abc import Mapping, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from functools import partial
 from numbers import Integral
 from pathlib import Path
@@ -17,6 +17,7 @@ from numpy.typing import ArrayLike, NDArray
 from bench.catalogue.methods import METHODS
 from bench.draw.choice import (
     Notes,
+    check_grey,
     find_drawer,
     methods_to_draw,
     notes_on_methods,
@@ -27,6 +28,7 @@ from bench.draw.cloud import (
     CloudFile,
     Drawing,
     DrawnViews,
+    FileColours,
     draw_views,
     far_with_notes,
     warn,
@@ -35,7 +37,13 @@ from bench.draw.thread import on_drawing_thread
 from bench.running.work import load_renderer
 from data_prep.clouds.normalise import cloud_of_points, real_points
 from data_prep.failures import BadInput
-from data_prep.files.cloud_contents import axis_columns
+from data_prep.files.cloud_contents import (
+    NotACloud,
+    PointColors,
+    axis_columns,
+    color_columns,
+    colors_of,
+)
 from data_prep.files.safe_read import shown
 from data_prep.rendering.camera import FARTHEST
 from data_prep.rendering.raycast import surface_maps
@@ -45,13 +53,13 @@ from data_prep.scene import IMAGE_SIZE, Mesh, PointCloud, View
 _MOST_FRAMES = 3_600
 # The most pixels in all images of a turntable together: 64 images of 2048 x 2048 take 800 MB.
 _MOST_PIXELS = 2**28
+_COLOURS = ("auto", "file", "grey", "invented")
 # Notes on files name options of the command line: what stands for them in calls from Python.
 _SPELT = {
     "--drop-invalid": "drop_invalid=True",
     "--drop-far": "drop_far=True",
     "--up z": 'up="z"',
     "--up y": 'up="y"',
-    "; '--method splat --colour file' draws its colours": "",
     "; --points takes another number": "",
 }
 
@@ -85,7 +93,8 @@ def _draw(
     up: str = "y",
     front: str | None = None,
     method: str | None = None,
-    colour: bool = False,
+    colour: Literal["auto", "file", "grey", "invented"] = "auto",
+    colors: ArrayLike | None = None,
     budget_ms: float | None = None,
     drop_far: bool = False,
     device: str = "auto",
@@ -103,12 +112,17 @@ def _draw(
     is_number = isinstance(budget_ms, int | float) and not isinstance(budget_ms, bool)
     if budget_ms is not None and not (is_number and not math.isnan(budget_ms)):
         raise BadInput(f"budget_ms {budget_ms!r}: must be a number of milliseconds")
+    if colour not in _COLOURS:
+        raise BadInput(f"colour {colour!r}: must be {', '.join(_COLOURS[:-1])} or {_COLOURS[-1]}")
     notes: list[str] = []
+    of_points = "grey" if colour == "invented" else colour
 
     def load_and_draw() -> tuple[Drawing, DrawnViews]:
         named = () if method is None else (method,)
-        (method_id,) = methods_to_draw(named, colour, budget_ms)
+        (method_id,) = methods_to_draw(named, colour == "invented", budget_ms)
         find_drawer(method_id)
+        if colour == "grey":
+            check_grey(method_id)
         drawing = Drawing(method_id, tuple(views), device=device, size=size, background=background)
         if len(views) * size**2 > _MOST_PIXELS:
             raise BadInput(
@@ -116,13 +130,27 @@ def _draw(
                 f"{len(views)} images; give a smaller size, or fewer images"
             )
         if isinstance(points, str | Path):
+            if columns is not None or colors is not None:
+                given = "colors" if columns is None else "columns"
+                raise BadInput(
+                    f"{points}: {given}= is for arrays; leave it out, and name the columns of a "
+                    "file in its first line"
+                )
             cloud, on_points = _cloud_of_file(
-                points, columns, up=up, front=front, drop_far=drop_far, drop_invalid=drop_invalid
+                points, of_points, up=up, front=front, drop_far=drop_far, drop_invalid=drop_invalid
             )
         else:
             cloud, on_points = _cloud_of_array(
-                points, columns, up=up, front=front, drop_far=drop_far, drop_invalid=drop_invalid
+                points,
+                columns,
+                up=up,
+                front=front,
+                drop_far=drop_far,
+                drop_invalid=drop_invalid,
+                colors=None if of_points == "grey" else _colours_of_array(points, colors),
             )
+            if colour == "file" and cloud.colors is None:
+                raise BadInput('points: no colours of them; give colors=, or leave out "file"')
         notes.extend(on_points)
         notes.extend(notes_on_methods((method_id,), budget_ms))
         notes.extend(notes_on_size((method_id,), size))
@@ -141,7 +169,7 @@ OPTIONS = tuple(inspect.signature(_draw).parameters)[2:]  # the names of all but
 
 def _cloud_of_file(
     file: str | Path,
-    columns: Sequence[int | str] | None,
+    colours: FileColours,
     *,
     up: str,
     front: str | None,
@@ -149,11 +177,6 @@ def _cloud_of_file(
     drop_invalid: bool,
 ) -> tuple[PointCloud, Notes]:
     path = Path(file)
-    if columns is not None:
-        raise BadInput(
-            f"{path}: columns= chooses columns of an array; leave it out, and name the columns of "
-            "a file in its first line"
-        )
     if path.is_dir():
         raise BadInput(f"{path}: is a folder; give a file of points")
     as_asked = CloudFile(
@@ -163,6 +186,7 @@ def _cloud_of_file(
         front=front,
         drop_invalid=drop_invalid,
         drop_far=drop_far,
+        colours=colours,
         up_unknown=up == "y",  # "y" is the default, which the caller may not have thought about
     )
     try:
@@ -180,9 +204,15 @@ def _cloud_of_array(
     front: str | None,
     drop_far: bool,
     drop_invalid: bool,
+    colors: PointColors | None,
 ) -> tuple[PointCloud, Notes]:
     chosen, notes = _three_columns(points, columns)
     values = real_points(chosen)
+    if colors is not None and len(colors) != len(values):
+        raise BadInput(
+            f"colors: {len(colors)} rows for {len(values)} points; give a colour for each point"
+        )
+    kept = np.arange(len(values))
     broken = np.flatnonzero(~np.isfinite(values).all(axis=1))
     count = f"{len(broken)} of {len(values)} points"
     if len(broken) and not drop_invalid:
@@ -191,11 +221,38 @@ def _cloud_of_array(
             "leave them out with drop_invalid=True"
         )
     if len(broken):
-        values = np.delete(values, broken, axis=0)
+        kept = np.delete(kept, broken)
         notes = (*notes, f"{count} are left out, they are not finite")
-    far, of_far = far_with_notes(values, drop_far, "drop_far=True")
-    values = values[~far] if drop_far else values
-    return cloud_of_points(values, up, front), (*notes, *of_far)
+    far, of_far = far_with_notes(values[kept], drop_far, "drop_far=True")
+    if drop_far:
+        kept = kept[~far]
+    cloud = cloud_of_points(values[kept], up, front)
+    if colors is not None:
+        cloud = replace(cloud, colors=colors[kept])
+    return cloud, (*notes, *of_far)
+
+
+def _colours_of_array(points: Any, colors: ArrayLike | None) -> PointColors | None:
+    """Return the colours uint8 [N, 3] of points: those given, else columns of a DataFrame.
+
+    Raises BadInput for values that are no colours.
+    """
+    if colors is None:
+        labels = [label for label in getattr(points, "columns", ()) if isinstance(label, str)]
+        named = color_columns([label.lower() for label in labels])
+        if not named:
+            return None
+        colors = points[[labels[i] for i in named]]
+    values = np.asarray(colors)
+    if values.dtype.kind not in "fiu" or values.ndim != 2 or values.shape[1] != 3:
+        raise BadInput(
+            f"colors: {values.dtype} of shape {list(values.shape)}; give real numbers [N, 3], of "
+            "0 to 255 or of 0 to 1"
+        )
+    try:
+        return colors_of(values, whole=values.dtype.kind in "iu")
+    except NotACloud as problem:
+        raise BadInput(f"colors: {str(problem).removeprefix('its colours ')}") from None
 
 
 def _maps_of(drawing: Drawing, drawn: DrawnViews) -> SurfaceMaps:
@@ -246,7 +303,7 @@ def _three_columns(points: Any, columns: Sequence[int | str] | None) -> tuple[Ar
         )
     if not labels and len(given.shape) == 2 and given.shape[1] == 6:
         return given[:, :3], (
-            "points: columns 3 to 5 of [N, 6], colours or normals, are not used; columns= chooses",
+            "points: columns 3 to 5 of [N, 6] are not used; give colours as colors=points[:, 3:]",
         )
     return points, ()
 
@@ -306,9 +363,13 @@ def draw_cloud(
     method : str
         Id of a method, see `bench list`. By default the best one within the budget, or without a
         budget one that knows objects of 13 classes.
-    colour : bool
-        Whether the method chosen by default draws in colours, which it makes up; by default it
-        draws in grey.
+    colour : str
+        "auto": in the colours of the points where they have any, the default; "file": in these, or
+        an error; "grey"; or "invented", in colours that a network makes up. Methods that draw in
+        grey get the colours of the points.
+    colors : array_like
+        Colours of an array of points, [N, 3]: 0 to 255, or fractions to 1. Of a DataFrame by
+        default the columns named red, green and blue; of a file its own.
     budget_ms : float
         The most milliseconds that one image of a new cloud may take, by costs measured on one
         machine.

@@ -254,7 +254,7 @@ def seen_by(method: Method, cloud: PointCloud) -> PointCloud:
     """
     source = cloud.source if method.sees_mesh else None
     origin = cloud.origin if method.images else None
-    return PointCloud(cloud.points, source, origin)
+    return PointCloud(cloud.points, source, origin, cloud.colors)
 
 
 def _refuse_blank(images: UInt8Images, truth: UInt8Images | None, points: int) -> None:

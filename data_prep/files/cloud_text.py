@@ -57,7 +57,8 @@ _COLUMN_UNIT = re.compile(r"\[(?![xyz]\])[^][]*\]|\([^()]*\)", re.I)
 _INTRODUCTION = re.compile(r"\b\w+:\s")  # a word before names, as in Columns: x y z
 _NUMBERS = "write numbers such as -1234.5 or 1e-3, without thousands separators"
 _COMMAS = "commas are taken for decimal marks; if they are none, write numbers without them"
-_UNNAMED = " (x, y and z are the first 3, as no first line names them)"
+# The end of a note on columns that are taken for coordinates because they come first.
+GUESSED = " (x, y and z are the first 3, as no first line names them)"
 
 Rows = Iterable[tuple[int, str]]  # lines of text with their numbers, counted from 1
 
@@ -198,7 +199,7 @@ def _layout_of(
     unused = guess
     if filled > 3:
         others = f"{filled - 3} of its {filled} columns"
-        unused += (others + _UNNAMED if unsure else others,)
+        unused += (others + GUESSED if unsure else others,)
     layout = _Layout(
         separator=separator,
         decimal_comma=decimal_comma,

@@ -94,7 +94,7 @@ def read_text(path: Path, most_bytes: int) -> str:
         raise BadInput(f"{path}: not UTF-8 at byte {error.start}; fetch it again") from None
 
 
-def reason_of(error: Exception) -> str:
+def reason_of(error: BaseException) -> str:
     """Return the first line of an exception's message, shortened; its type if it has no message."""
     lines = str(error).splitlines()
     return lines[0][:_MOST_REASON_LENGTH] if lines else type(error).__name__

@@ -93,13 +93,12 @@ def test_colours_of_points_are_those_of_their_discs_whatever_the_depth() -> None
     """A nearer disc covers a farther one; only pixels of one point have its colour."""
     points = np.array([[0.5, 0, 0.5], [-0.5, 0, -0.5], [0, 0, 0.2], [0, 0, -0.2]], np.float32)
     colors = np.array([[255, 0, 10], [0, 200, 0], [1, 2, 3], [90, 80, 70]], np.uint8)
-    method = Splat(colors=colors)
-    state = method.prepare(PointCloud(points))
-    (image,) = np.rint(255 * method.draw(state, [FRONT])).astype(int)
+    state = Splat().prepare(PointCloud(points, colors=colors))
+    (image,) = np.rint(255 * Splat().draw(state, [FRONT])).astype(int)
     grey = draw(Splat().prepare(PointCloud(points)))
     assert np.array_equal((image < 255).any(axis=2), grey < 1)
     drawn = {tuple(colour) for colour in image.reshape(-1, 3).tolist()} - {(255, 255, 255)}
     assert drawn == {(255, 0, 10), (0, 200, 0), (90, 80, 70)}
-    lone = Splat(colors=colors[:1])
-    (pixel,) = lone.draw(lone.prepare(PointCloud(points[:1] * 0)), [FRONT])[:, 63, 63]
+    lone = Splat().prepare(PointCloud(points[:1] * 0, colors=colors[:1]))
+    (pixel,) = Splat().draw(lone, [FRONT])[:, 63, 63]
     assert np.rint(255 * pixel).tolist() == [255, 0, 10]

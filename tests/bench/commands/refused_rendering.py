@@ -9,7 +9,8 @@ _BY_START = {
         "--budget 50": "budget 50: give a time over 0 with its unit, as in 50ms or 0.2s",
         "--colour invented --method surface-fit": "method 'surface-fit' draws in grey",
         "--colour invented --budget 50ms": "budget 50ms: the methods that it chooses",
-        "--colour file --budget 1s": "method 'fused-net@grey' does not draw the",
+        "--colour file --budget 1s": "cloud.xyz: no colours of its points; a PLY has red, green ",
+        "--colour grey --method fused-net": "method 'fused-net' makes colours up; give --method f",
     },
     "render cloud.xyz --method blank -o out.png": {
         "--method splta": "unknown method 'splta': did you mean 'splat'? there are ",

@@ -79,11 +79,13 @@ def test_a_note_that_files_share_is_one_line(command, plugins, tmp_path):
         np.savetxt(tmp_path / name, np.random.default_rng(0).random((5, columns)))
     _, _, err = command("render", tmp_path, "--method", "fake-healthy", "-o", tmp_path / "out")
     notes = [line for line in err.splitlines() if line.startswith("note: ")]
-    rest = "(x, y and z are the first 3, as no first line names them) "
-    rest += "are not used; only the coordinates of its points are"
+    guess = "(x, y and z are the first 3, as no first line names them)"
+    rest = f"{guess} are not used; only the coordinates of its points are"
     assert notes == [
-        f"note: {tmp_path}/a.xyz and 1 more: 3 of its 6 columns {rest}; "
-        "'--method splat --colour file' draws its colours",
+        f"note: {tmp_path}/a.xyz and 1 more: 3 of its 6 columns {guess}; three others are drawn as "
+        "colours, --colour grey leaves them out",
+        f"note: {tmp_path}/a.xyz and 1 more: fake-healthy: draws in colours of its own; those of the "
+        "points are not used",
         f"note: {tmp_path}/c.xyz: 1 of its 4 columns {rest}",
     ]
 

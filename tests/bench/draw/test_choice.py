@@ -85,7 +85,7 @@ def test_colours_are_drawn_without_the_hint_at_a_budget_which_excludes_them(comm
 
 @pytest.mark.slow
 def test_points_in_grey_or_in_colour(points):
-    grey, coloured = bench.draw_cloud(points), bench.draw_cloud(points, colour=True)
+    grey, coloured = bench.draw_cloud(points), bench.draw_cloud(points, colour="invented")
     assert (grey == grey[..., :1]).all()
     assert not (coloured == coloured[..., :1]).all()
     assert np.array_equal(coloured, bench.draw_cloud(points, method=RECOMMENDED_IN_COLOUR))

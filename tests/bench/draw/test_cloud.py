@@ -116,36 +116,34 @@ def test_what_of_the_file_is_not_drawn_and_what_knows_chairs_only_is_a_line_each
     ]
 
 
-def test_colours_of_a_file_are_drawn_by_splat_alone(command, refused, tmp_path):
-    """Points left out and chosen take their colours along; the note on unused ones names this."""
+def test_colours_of_a_file_are_drawn_as_discs(command, refused, tmp_path):
+    """Points left out and chosen take their colours along."""
     path, out = tmp_path / "cloud.xyz", tmp_path / "out.png"
     rng = generator("test")
     points, colors = rng.normal(size=(300, 3)), rng.integers(0, 250, (300, 3))
     points[7, 1] = np.nan
     np.savetxt(path, np.column_stack([points, colors]))
     options = ("--drop-invalid", "--points", "100", "-o", out)
-    coloured = ("render", path, "--method", "splat", "--colour", "file", *options)
+    coloured = ("render", path, "--method", "splat", *options)
+    guess = f"note: {path}: 3 of its 6 columns (x, y and z are the first 3, as no first line names "
+    guess += "them); three others are drawn as colours, --colour grey leaves them out\n"
     note = f"note: {path}: 1 of 300 points are left out, they are not finite\n"
-    assert command(*coloured) == (0, f"{out}\n", note)
-    file = CloudFile(path, as_is=False, most=100, drop_invalid=True, with_colors=True).load_all()
-    assert file.colors is not None
-    kept = [np.flatnonzero((colors == color).all(axis=1))[0] for color in file.colors]
-    assert np.array_equal(normalise_points(points[kept]).points, file.cloud.points)
+    assert command(*coloured) == (0, f"{out}\n", guess + note)
+    cloud = CloudFile(path, as_is=False, most=100, drop_invalid=True).load()
+    assert cloud.colors is not None
+    kept = [np.flatnonzero((colors == color).all(axis=1))[0] for color in cloud.colors]
+    assert np.array_equal(normalise_points(points[kept]).points, cloud.points)
     shown = {tuple(color) for color in read(out).reshape(-1, 3).tolist()} - {(255, 255, 255)}
     assert 10 < len(shown) <= 100
-    assert shown <= {tuple(color) for color in file.colors.tolist()}
-    assert command("render", path, "--method", "splat", *options)[2].startswith(
+    assert shown <= {tuple(color) for color in cloud.colors.tolist()}
+    assert command(*coloured, "--colour", "grey")[2].startswith(
         f"note: {path}: 3 of its 6 columns (x, y and z are the first 3, as no first line names "
-        "them) are not used; only the coordinates of its points are; "
-        "'--method splat --colour file' draws its colours\n"
+        "them) are not used; only the coordinates of its points are\n"
     )
-    alone = "give --method splat alone, or leave out --colour file"
-    for methods in ("pc2pix", "splat,pc2pix"):
-        assert refused("render", path, "--colour", "file", "--method", methods, "-o", out) == (
-            f"method 'pc2pix' does not draw the colours of a file; {alone}"
-        )
+    assert (read(out) == read(out)[..., :1]).all()
     np.savetxt(path, points[:5])
-    assert refused(*coloured).startswith(f"{path}: no colours of its points; a PLY has red, green ")
+    problem = f"{path}: no colours of its points; a PLY has red, green "
+    assert refused(*coloured, "--colour", "file").startswith(problem)
 
 
 def test_a_size_and_a_transparent_background(command, plugins, tmp_path):

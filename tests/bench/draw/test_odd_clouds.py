@@ -76,7 +76,7 @@ def test_a_mesh_is_drawn_from_its_surface(tmp_path: Path) -> None:
         (box().replace("vertex_indices", "indices"), 12),
     ):
         path.write_text(text)
-        file = CloudFile(path, as_is=True, with_colors="red" in text)
+        file = CloudFile(path, as_is=True)
         loaded = file.load_all()
         points = loaded.cloud.points
         assert len(points) == 2048
@@ -89,8 +89,10 @@ def test_a_mesh_is_drawn_from_its_surface(tmp_path: Path) -> None:
             f"{path}: a mesh of {count} triangles: 2048 points of its surface are drawn, not its 8 "
             "vertices; --points takes another number",
         )
-        if loaded.colors is not None:
-            assert loaded.colors[np.isclose(points[:, 0], 0)].tolist() == [[9, 0, 7]] * sum(
+        colors = loaded.cloud.colors
+        assert (colors is not None) == ("red" in text)
+        if colors is not None:
+            assert colors[np.isclose(points[:, 0], 0)].tolist() == [[9, 0, 7]] * sum(
                 np.isclose(points[:, 0], 0)
             )
     assert len(CloudFile(path, as_is=True, most=5000).load()) == 5000

@@ -68,7 +68,7 @@ WRONG = {  # what is raised, for which arguments, and what is said
         ({"points": "shape.obj"}, r"shape\.obj: \.obj is a mesh, not a point cloud; save"),
         (
             {"points": "a.ply", "columns": "xyz"},
-            "a.ply: columns= chooses columns of an array; leave",
+            "a.ply: columns= is for arrays; leave",
         ),
         ({"columns": (0, 1, 9)}, r"columns \(0, 1, 9\): not in points of shape \[300, 3"),
         ({"points": "."}, r"\.: is a folder; give a file of points"),
@@ -152,8 +152,9 @@ def test_further_columns_files_sizes_and_points_that_are_not_finite(points, tmp_
     swapped = six[:, [5, 1, 0, 0, 1, 2]]
     np.save(tmp_path / "cloud.npy", np.hstack([broken, np.ones((301, 3))]))
     file, lost = tmp_path / "cloud.npy", "1 of 301 points are left out, they are not finite"
-    further = "points: columns 3 to 5 of [N, 6], colours or normals, are not used; columns= chooses"
+    further = "points: columns 3 to 5 of [N, 6] are not used; give colours as colors=points[:, 3:]"
     unused = f"{file}: 3 of its 6 columns are not used; only the coordinates of its points are"
+    plain["colour"] = "grey"
     for given, options, said in (
         (six, {}, [further]),
         (swapped, {"columns": (2, 1, 5)}, []),

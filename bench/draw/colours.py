@@ -1,0 +1,96 @@
+"""The colours of points on images that a method has drawn in grey.
+
+A grey image has the shading of a surface in neutral grey, and its coverage says how much of each
+pixel the surface covers. The colours of the points that a camera sees are projected into the image,
+and the gaps between them are filled from coarser images (`baselines.splat_fill`). A pixel is then
+its shading times that colour, on white as far as it is not covered.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+
+import numpy as np
+from numpy.typing import NDArray
+from scipy.spatial import cKDTree
+
+from baselines.splat_fill import closed_depths, pull_push
+from data_prep.clouds.sampling import random_rows
+from data_prep.rendering.camera import CAMERA_DISTANCE, FOCAL_PX, project
+from data_prep.rendering.images import to_float, to_uint8
+from data_prep.scene import IMAGE_SIZE, NEUTRAL_GREY, PointCloud, UInt8Images, View
+
+# Chosen on 13 objects of procedural:validation (2,048 points clean and with noise of 5 %, 512, and
+# 8,192 points), by LPIPS against images in the true colours; distances are in spacings, the median
+# distance between a point and its nearest neighbour.
+_COVERING = 2.5  # how far around itself, in the image, a point hides others
+_BEHIND = 0.5  # a point farther than this behind the points that hide it gives no colour
+_SHARE = 0.5  # weight of a point in its pixel: two points fill it, the rest comes from around
+_MOST_COVERING_PX = 16.0  # in an image of IMAGE_SIZE: the most pixels that a point hides others in
+_MOST_SEARCHED = 4096  # points whose nearest neighbours give the spacing
+_NEAREST_DEPTH = 0.05 * CAMERA_DISTANCE  # points nearer to the camera than this give no colour
+
+
+def in_colours(
+    images: UInt8Images,
+    coverage: NDArray[np.float32],
+    cloud: PointCloud,
+    views: Sequence[View],
+) -> UInt8Images:
+    """Return images of a cloud that were drawn in grey, in the colours of its points.
+
+    images    uint8 [V, S, S, 3], neutral grey on white
+    coverage  float32 [V, S, S], 0..1: how much of each pixel the surface covers
+    cloud     finite points [N, 3] with colours
+    """
+    spacing = spacing_of(cloud)
+    out = np.empty_like(images)
+    for i, view in enumerate(views):
+        uncovered = 1.0 - coverage[i, ..., None]
+        shaded = np.clip(to_float(images[i]) - uncovered, 0.0, None) / (NEUTRAL_GREY[0] / 255)
+        colours = colours_seen(cloud, spacing, view, len(images[i]))
+        painted = np.clip(uncovered + colours * shaded, 0.0, 1.0)
+        out[i] = to_uint8(painted.astype(np.float32))
+    return out
+
+
+def spacing_of(cloud: PointCloud) -> float:
+    """Return the median distance between a point and its nearest neighbour; 0 for one point."""
+    if len(cloud) < 2:
+        return 0.0
+    some = cloud.points[random_rows(len(cloud), _MOST_SEARCHED)]
+    return float(np.median(cKDTree(cloud.points).query(some, k=[2])[0]))
+
+
+def colours_seen(cloud: PointCloud, spacing: float, view: View, size: int) -> NDArray[np.float64]:
+    """Return the colours of a cloud from a view, float64 [size, size, 3] in 0..1, without gaps.
+
+    cloud    finite points [N, 3] with colours
+    spacing  the distance between neighbouring points, as `spacing_of` returns it
+
+    A pixel whose points are seen has their mean colour, mixed with that of its surroundings; any
+    other pixel has that of its surroundings. A view that shows no point is neutral grey.
+    """
+    if cloud.colors is None:
+        raise ValueError("the cloud has no colours")
+    zoom = size / IMAGE_SIZE
+    pixels, depth = project(cloud.points, view)
+    pixels = pixels * zoom
+    inside = ((pixels >= 0) & (pixels < size)).all(axis=1) & (depth > _NEAREST_DEPTH)
+    if not inside.any():
+        return np.full((size, size, 3), NEUTRAL_GREY[0] / 255)
+    column, row = pixels[inside].astype(np.intp).T
+    pixel, depth, inks = row * size + column, depth[inside], to_float(cloud.colors[inside])
+    nearest = np.full(size * size, np.inf)
+    np.minimum.at(nearest, pixel, depth)
+    spacing_px = zoom * spacing * FOCAL_PX / CAMERA_DISTANCE
+    covering_px = min(_COVERING * spacing_px, zoom * _MOST_COVERING_PX)
+    closed = closed_depths(nearest.reshape(size, size), covering_px).ravel()
+    seen = depth <= closed[pixel] + _BEHIND * spacing
+    counts = np.bincount(pixel[seen], minlength=size * size).reshape(size, size)
+    weights = np.minimum(_SHARE * counts, 1.0)
+    planes = []
+    for channel in range(3):
+        total = np.bincount(pixel[seen], inks[seen, channel], size * size).reshape(size, size)
+        planes.append(pull_push(total / np.maximum(counts, 1), weights))
+    return np.stack(planes, axis=-1)
