@@ -118,7 +118,7 @@ def test_a_folder_of_meshes_with_what_is_none(tmp_path, command):
     ]
     assert re.fullmatch("checksum     [0-9a-f]{64} of 5 files", lines[5])
     first = "IRREGULAR    1 of 5 read: it cannot be used (first "
-    assert nonsense.startswith(f"{first}chair/bad.ply: {folder}/chair/bad.ply: not a readable")
+    assert nonsense.startswith(f"{first}chair/bad.ply: {folder}/chair/bad.ply: no PLY header")
     assert no_faces.startswith(f"{first}chair/bare.ply: {folder}/chair/bare.ply: the mesh has no")
     assert use == f"use          --dataset 'folder:{folder}'"
 

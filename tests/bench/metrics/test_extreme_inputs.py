@@ -304,7 +304,6 @@ def test_neither_company_nor_sides_nor_strides_matter(metric):
 def test_what_is_kept_of_the_last_images_is_not_taken_for_others(metric):
     images = np.random.default_rng(6).integers(0, 256, (2, 32, 32, 3), np.uint8)
     before = computed(metric, images, images[::-1])
-    assert computed(metric, images[:0], images[:0]).shape == (0,)
     images[0, 0, 0] ^= 255
     changed = computed(metric, images, images[::-1])
     assert changed[0] != before[0]
