@@ -33,6 +33,7 @@ AXES = (
     (f"{_NUMBERED}0", f"{_NUMBERED}1", f"{_NUMBERED}2"),
     (f"{_NUMBERED}1", f"{_NUMBERED}2", f"{_NUMBERED}3"),
 )
+_ROUNDING = 1e-3  # how far beyond 0 to 1 a colour may be by the rounding of its writer
 _MOST_OF_16_BITS = 65535.0  # the largest value of a colour with 16 bits a channel
 
 CloudPoints = NDArray[np.float64]  # [N, 3]
@@ -55,6 +56,8 @@ class CloudContents:
     textures     the names of the pictures that the file refers to
     texture_places  float64 array [F, 3, 2]: the places of the triangles' corners in the picture, to
                  the right and upwards from its lower left corner; None for a file without any
+    texture_of_face  int64 array [F]: which of the pictures each triangle has, from 0; None for all
+                 the first
     """
 
     points: CloudPoints
@@ -67,6 +70,7 @@ class CloudContents:
     notes: tuple[str, ...] = ()
     textures: tuple[str, ...] = ()
     texture_places: NDArray[np.float64] | None = None
+    texture_of_face: NDArray[np.int64] | None = None
 
     @property
     def is_mesh(self) -> bool:
@@ -147,9 +151,13 @@ def colors_of(values: NDArray[np.number], whole: bool = False) -> PointColors:
 
     Raises NotACloud for values that are negative, too large or not finite.
     """
-    if not np.isfinite(values).all() or values.min(initial=0) < 0:
+    if not np.isfinite(values).all() or values.min(initial=0) < -_ROUNDING:
         raise NotACloud("its colours have values below 0 or not finite; give 0 to 255, or 0 to 1")
     largest = float(values.max(initial=0))
+    if not whole:
+        values = np.maximum(values, 0)
+        if 1 < largest <= 1 + _ROUNDING:
+            values, largest = np.minimum(values, 1), 1.0
     if largest > _MOST_OF_16_BITS:
         raise NotACloud(f"its colours have the value {largest:g}; give 0 to 255, or 0 to 1")
     if largest > 255:

@@ -71,8 +71,8 @@ class _Header(NamedTuple):
 def read_pcd(data: bytes, most_points: int, with_colors: bool = False) -> ScanPoints:
     """Return the points of a PCD, with their colours if they are wanted.
 
-    Of two fields with a name the first one is read. Points of three NaN are left out, which an
-    organised cloud has for no return.
+    Of two fields with a name the first one is read. Points of three NaN, which an organised cloud
+    has for no return, are left out; those with one or two NaN are, too, with a note.
 
     Raises NotACloud for a file that is no PCD of points, claims more than `most_points`, or is
     damaged, and ImportError where a compressed file needs the library `lzf`.
@@ -94,7 +94,11 @@ def read_pcd(data: bytes, most_points: int, with_colors: bool = False) -> ScanPo
     )
     columns = _columns(data, header)
     points = np.stack([columns[i][:, 0].astype(np.float64) for i in axes], axis=1)
-    kept = ~np.isnan(points).all(axis=1)
+    missing = np.isnan(points)
+    kept = ~missing.any(axis=1)  # as PCL takes them for valid
+    partly = int((~kept & ~missing.all(axis=1)).sum())
+    if partly:
+        notes += (f"{partly} points without one of their coordinates are left out",)
     table = points[kept]
     packed = next((i for i, field in enumerate(header.fields) if _is_packed(field)), None)
     channels = color_columns(names)

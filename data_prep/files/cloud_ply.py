@@ -153,6 +153,13 @@ class _Table(NamedTuple):
             positions, _ = triangles_of_polygons(points[corners], lengths)
         return _Surface(corners, positions, rows[positions[:, 0]])
 
+    def texture_of(self, surface: _Surface) -> NDArray[np.int64] | None:
+        """Return which texture each triangle has, by `texnumber`; None for a file with only one."""
+        names = self.element.names()
+        if "texnumber" not in names:
+            return None
+        return self.columns[names.index("texnumber")].astype(np.int64)[surface.rows]
+
     def places(self, surface: _Surface, vertices: _Table) -> NDArray[np.float64] | None:
         """Return the place [T, 3, 2] in the texture of the corners of triangles; None for none.
 
@@ -225,6 +232,12 @@ def read_ply(data: bytes, with_colors: bool = False) -> CloudContents:
     table = tables[surface]
     triangles = table.surface(points)
     of_faces, face_colors = table.colors(with_colors)
+    others = [e for e in elements if e.name in _SURFACES and e.rows and e != elements[surface]]
+    notes = tuple(f"its {other.rows} {other.name} are left out" for other in others)
+    textures = tuple(name.decode("utf-8", "replace") for name in _TEXTURE.findall(header[2]))
+    places = table.places(triangles, tables[vertex])
+    if textures and places is None:
+        notes += ("its texture is left out: not all corners have a place in it",)
     return CloudContents(
         points,
         unused=(*unused, f"its {elements[surface].rows} faces"),
@@ -233,8 +246,10 @@ def read_ply(data: bytes, with_colors: bool = False) -> CloudContents:
         colors=colors,
         faces=triangles.corners[triangles.positions],
         face_colors=None if face_colors is None else face_colors[triangles.rows],
-        textures=tuple(name.decode("utf-8", "replace") for name in _TEXTURE.findall(header[2])),
-        texture_places=table.places(triangles, tables[vertex]),
+        notes=notes,
+        textures=textures,
+        texture_places=places,
+        texture_of_face=table.texture_of(triangles),
     )
 
 

@@ -100,6 +100,16 @@ _BY_TEXT = (
         _RENAME,
     ),
 )
+# What files that are packed begin with.
+_CONTAINERS = (
+    b"\x1f\x8b",
+    b"BZh",
+    b"\xfd7zXZ",
+    b"\x28\xb5\x2f\xfd",
+    b"7z\xbc\xaf",
+    b"Rar!",
+    b"PK\3\4",
+)
 _COMMENTS = re.compile(r"\s*(?:(?:#|//|%)[^\r\n]*\s*)*")
 
 
@@ -115,10 +125,11 @@ def mismatch(start: bytes, suffix: str) -> str | None:
     suffix = suffix.lower()
     if not start:
         return "an empty file; fetch or write it again"
-    kind = _first(_BY_BYTES, start.decode("latin-1"))
     # A binary STL begins with any 80 bytes, which may be the words of another format.
-    is_binary_stl = suffix == ".stl" and b"\0" in start
-    if kind is None and not is_binary_stl:
+    if suffix == ".stl" and b"\0" in start[80:] and not start.startswith(_CONTAINERS):
+        return None
+    kind = _first(_BY_BYTES, start.decode("latin-1"))
+    if kind is None:
         text = start.decode(json.detect_encoding(start[:4]), "replace")
         kind = _first(_BY_TEXT, _COMMENTS.sub("", text, count=1))
     if kind is None or suffix in kind.suffixes:

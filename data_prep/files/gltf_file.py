@@ -27,11 +27,13 @@ _KNOWN = {
     "KHR_animation_pointer",
     "KHR_lights_punctual",
     "KHR_mesh_quantization",
+    "KHR_node_visibility",
     "KHR_texture_transform",
     "KHR_xmp_json_ld",
 }
 _OF_MATERIALS = "KHR_materials_"
-_COMPRESSIONS = {
+# Extensions that compress, by the names of what they compress with.
+COMPRESSIONS = {
     "KHR_draco_mesh_compression": "Draco",
     "EXT_meshopt_compression": "meshopt",
     "KHR_meshopt_compression": "meshopt",
@@ -58,7 +60,7 @@ class GltfFile:
         if data[:4] == _MAGIC:
             data = self._chunks(data)
         try:
-            self.tree: dict[str, Any] = json.loads(data)
+            self.tree: dict[str, Any] = json.loads(data.rstrip(b"\0"))  # some pad so, not by blanks
         except (ValueError, RecursionError) as error:
             raise NotAMesh(f"no JSON ({type(error).__name__}); fetch it again") from error
         if not isinstance(self.tree, dict):
@@ -75,6 +77,9 @@ class GltfFile:
         if version != 2:
             raise NotAMesh(f"a GLB of version {version}, expected 2; convert it to glTF 2.0")
         text, at = b"", 12
+        data = data[
+            : max(12, int.from_bytes(data[8:12], "little"))
+        ]  # more behind it does not count
         while at + 8 <= len(data):
             length = int.from_bytes(data[at : at + 4], "little")
             kind = int.from_bytes(data[at + 4 : at + 8], "little")
@@ -100,8 +105,8 @@ class GltfFile:
             if name in _KNOWN or str(name).startswith(_OF_MATERIALS):
                 continue
             remedy = "write the file without it"
-            if name in _COMPRESSIONS:
-                remedy = f"write it without compression by {_COMPRESSIONS[name]}"
+            if name in COMPRESSIONS:
+                remedy = f"write it without compression by {COMPRESSIONS[name]}"
             raise NotAMesh(
                 f"it requires the extension {shown(str(name))}, which is not read; {remedy} (as "
                 "with gltf-transform, or by exporting it from Blender)"
@@ -126,7 +131,7 @@ class GltfFile:
     def _read_buffer(self, index: int) -> bytes:
         buffer = self.element("buffers", index)
         name = resource_name(buffer.get("uri"))
-        data = self._binary if name is None else self.resource(name)
+        data = self.resource(name) if name is not None else self._binary if index == 0 else None
         if data is None and name is None:
             raise NotAMesh(f"its buffer {index} is in no file; write the file again")
         if data is None:
@@ -158,6 +163,10 @@ class GltfFile:
         Normalised integers are float64 of -1 to 1; other integers stay what they are.
         """
         accessor = self.element("accessors", index)
+        if accessor.get("componentType") not in _TYPES or accessor.get("type") not in _COLUMNS:
+            raise NotAMesh(
+                f"its accessors[{index}] has numbers of no known type; write the file again"
+            )
         kind = np.dtype(_TYPES[accessor["componentType"]])
         count, columns = accessor["count"], _COLUMNS[accessor["type"]]
         values = self._dense(index, accessor, kind, count, columns)

@@ -59,13 +59,20 @@ class GltfMaterials:
         if sampled is not None:
             linear = _linear(sampled) * (1.0 if linear is None else linear)
         if "COLOR_0" in attributes:
-            colors = self._file.numbers(attributes["COLOR_0"])[:, :3].astype(np.float64)
-            if len(colors) == vertex_count:
+            colors = self._file.numbers(attributes["COLOR_0"])[:, :3]
+            if colors.dtype.kind in "iu":  # its writer has forgotten `normalized`
+                colors = colors / float(np.iinfo(colors.dtype).max)
+            if len(colors) != vertex_count:
+                self._notes.append(f"{len(colors)} colours of {vertex_count} vertices")
+            else:
                 linear = colors[faces].mean(axis=1) * (1.0 if linear is None else linear)
         return grey_faces(len(faces)) if linear is None else _srgb(linear)
 
     def _base(self, index: int | None) -> tuple[NDArray[np.float64] | None, dict[str, Any] | None]:
-        """Return the linear base colour [3] of a material, and its texture; None for each."""
+        """Return the linear base colour [3] of a material, and its texture; None for each.
+
+        White is the default of the specification, which writers leave out.
+        """
         if index is None:
             return None, None
         material = self._file.element("materials", index)
@@ -77,7 +84,7 @@ class GltfMaterials:
         if glossy is not None:
             part, names = glossy, ("diffuseFactor", "diffuseTexture")
         factor, texture = (part.get(name) for name in names)
-        return None if factor is None else np.array(factor[:3], np.float64), texture
+        return np.array((factor or (1.0, 1.0, 1.0))[:3], np.float64), texture
 
     def _sampled(
         self, texture: dict[str, Any], attributes: dict[str, int], faces: NDArray[np.int64]
@@ -88,6 +95,8 @@ class GltfMaterials:
         of_file = self._file.element("textures", texture["index"])
         source = of_file.get("extensions", {}).get(_WEBP, of_file).get("source")
         if source is None or f"TEXCOORD_{number}" not in attributes:
+            lacking = "image that can be read" if source is None else f"places TEXCOORD_{number}"
+            self._notes.append(f"a texture without {lacking}")
             return None
         name = resource_name(self._file.element("images", source).get("uri"))
         pixels = self._textures.pixels(name or f"images[{source}]")

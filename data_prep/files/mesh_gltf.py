@@ -10,13 +10,13 @@ joints.
 
 from __future__ import annotations
 
-from collections.abc import Iterator
+from collections.abc import Iterator, Sequence
 from typing import Any, NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
 
-from data_prep.files.gltf_file import GltfFile, matrix_of, transforms
+from data_prep.files.gltf_file import COMPRESSIONS, GltfFile, matrix_of, transforms
 from data_prep.files.gltf_materials import GltfMaterials
 from data_prep.files.mesh_contents import FaceColors, MeshContents, NotAMesh
 from data_prep.files.mesh_resources import MeshResources
@@ -24,6 +24,7 @@ from data_prep.files.polygons import triangles_of_strips
 
 _TRIANGLES, _STRIP, _FAN = 4, 5, 6  # the modes of primitives that have faces
 _INSTANCES = "EXT_mesh_gpu_instancing"
+_VISIBILITY = "KHR_node_visibility"
 _MOST_JOINTS = 8  # sets of four joints that a vertex may have, JOINTS_0 and so on
 
 
@@ -53,11 +54,11 @@ def read_gltf(data: bytes, resources: MeshResources, most_faces: int) -> MeshCon
     """
     file = GltfFile(data, resources)
     materials = GltfMaterials(file)
-    places = _places(file)
+    places, elsewhere = _places(file)
     vertices, faces, colors = [np.empty((0, 3))], [np.empty((0, 3), np.int64)], []
     colors = [np.empty((0, 3), np.uint8)]
     meshes: dict[tuple[int, tuple[float, ...]], list[_Primitive]] = {}
-    count = face_count = 0
+    count = face_count = corner_count = 0
     for index, place in places.items():
         node = file.element("nodes", index)
         if "mesh" not in node:
@@ -69,11 +70,14 @@ def read_gltf(data: bytes, resources: MeshResources, most_faces: int) -> MeshCon
             meshes[key] = list(_primitives(file, materials, mesh, weights))
         instances = _instances(file, node, place)
         face_count += len(instances) * sum(len(part.faces) for part in meshes[key])
-        if face_count > most_faces:
-            raise NotAMesh(f"more than {most_faces} faces; give a coarser mesh")
+        corner_count += len(instances) * sum(len(part.vertices) for part in meshes[key])
+        if face_count > most_faces or corner_count > 3 * most_faces:
+            raise NotAMesh(
+                f"more than {most_faces} faces, or {3 * most_faces} vertices; give a coarser mesh"
+            )
         for part in meshes[key]:
             for instance in instances:
-                moved, mirrored = _moved(file, node, places, part, instance)
+                moved, mirrored = _moved(file, node, places | elsewhere, part, instance)
                 vertices.append(moved)
                 faces.append((part.faces[:, ::-1] if mirrored else part.faces) + count)
                 colors.append(part.colors)
@@ -82,16 +86,30 @@ def read_gltf(data: bytes, resources: MeshResources, most_faces: int) -> MeshCon
     return MeshContents(*joined, tuple(dict.fromkeys(materials.notes)))
 
 
-def _places(file: GltfFile) -> dict[int, NDArray[np.float64]]:
-    """Return the transform to the scene of each node of the default scene, parents first."""
+_Places = dict[int, NDArray[np.float64]]  # the transform [4, 4] to the scene of each node
+
+
+def _places(file: GltfFile) -> tuple[_Places, _Places]:
+    """Return where the nodes of the default scene stand, parents first, and all others.
+
+    Joints of a skin may be among the others.
+    """
+    nodes = file.tree.get("nodes", ())
+    below = {child for node in nodes for child in node.get("children", ())}
+    all_roots = [index for index in range(len(nodes)) if index not in below]
     scenes = file.tree.get("scenes", ())
     if scenes:
         roots = file.element("scenes", file.tree.get("scene", 0)).get("nodes", ())
     else:
-        nodes = file.tree.get("nodes", ())
-        below = {child for node in nodes for child in node.get("children", ())}
-        roots = [index for index in range(len(nodes)) if index not in below]
-    places: dict[int, NDArray[np.float64]] = {}
+        roots = all_roots
+    places = _below(file, roots)
+    outside = [index for index in all_roots if index not in places]
+    return places, {k: v for k, v in _below(file, outside).items() if k not in places}
+
+
+def _below(file: GltfFile, roots: Sequence[int]) -> _Places:
+    """Return where nodes and all nodes below them stand, parents first."""
+    places: _Places = {}
     waiting = [(index, np.eye(4)) for index in reversed(roots)]
     while waiting:
         index, above = waiting.pop()
@@ -101,6 +119,8 @@ def _places(file: GltfFile) -> dict[int, NDArray[np.float64]]:
                 "allow; write the file again"
             )
         node = file.element("nodes", index)
+        if not node.get("extensions", {}).get(_VISIBILITY, {}).get("visible", True):
+            continue
         places[index] = above @ matrix_of(node)
         waiting += [(child, places[index]) for child in reversed(node.get("children", ()))]
     return places
@@ -131,6 +151,13 @@ def _primitives(
         mode, attributes = primitive.get("mode", _TRIANGLES), primitive.get("attributes", {})
         if mode not in (_TRIANGLES, _STRIP, _FAN) or "POSITION" not in attributes:
             continue
+        accessor = file.element("accessors", attributes["POSITION"])
+        compressed = set(primitive.get("extensions", {})) & set(COMPRESSIONS)
+        if compressed and "bufferView" not in accessor:
+            raise NotAMesh(
+                f"its vertices are compressed by {COMPRESSIONS[min(compressed)]} alone; write the "
+                "file without compression"
+            )
         vertices = file.numbers(attributes["POSITION"]).astype(np.float64)
         for weight, target in zip(weights, primitive.get("targets", ()), strict=False):
             if weight and "POSITION" in target:
@@ -162,7 +189,7 @@ def _triangles(mode: int, count: int) -> NDArray[np.int64]:
 def _moved(
     file: GltfFile,
     node: dict[str, Any],
-    places: dict[int, NDArray[np.float64]],
+    places: _Places,
     part: _Primitive,
     place: NDArray[np.float64],
 ) -> tuple[NDArray[np.float64], bool]:
@@ -176,16 +203,16 @@ def _moved(
 def _skinned(
     file: GltfFile,
     skin: dict[str, Any],
-    places: dict[int, NDArray[np.float64]],
+    places: _Places,
     part: _Primitive,
 ) -> NDArray[np.float64]:
     """Return the vertices [V, 3] that the joints of a skin hold where they stand.
 
-    The transform of the node itself does not count. Raises NotAMesh for a joint outside the scene.
+    The transform of the node itself does not count. Raises NotAMesh for a joint that is no node.
     """
     joints = skin["joints"]
     if any(joint not in places for joint in joints):
-        raise NotAMesh("a joint of a skin is not in the scene; write the file again")
+        raise NotAMesh("a joint of a skin is no node of the file; write the file again")
     matrices = np.stack([places[joint] for joint in joints])
     if "inverseBindMatrices" in skin:
         inverse = file.numbers(skin["inverseBindMatrices"]).reshape(-1, 4, 4)

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import json
 import re
 import shlex
 from collections.abc import Callable
@@ -15,6 +16,8 @@ _OPTIONS = {
     "-mm": 2, "-o": 3, "-s": 3, "-t": 3, "-texres": 1, "-type": 1, "-colorspace": 1,
 }  # fmt: skip
 _OF_NUMBERS = ("-o", "-s", "-t", "-mm")  # these may have fewer values than the most
+_COMMENT = re.compile(r"\s#.*")  # behind a value: a # in a name is a part of it
+_ROUNDING = 1e-3  # how far beyond 0 to 1 a colour may be by the rounding of its writer
 _NUMBER = re.compile(r"[+-]?(?:[0-9]+\.?[0-9]*|\.[0-9]+)(?:[eE][+-]?[0-9]+)?")
 
 
@@ -23,12 +26,14 @@ class Material:
     """A material of a library, as far as it decides colours.
 
     diffuse  red, green and blue as bytes (Kd); None where the library has none that can be read
+    problem  what is wrong with the diffuse colour, as the rest of a note; "" for nothing
     texture  the name of the picture of its colours (map_Kd) as the library has it; "" for none
     scale    the scale of places in the picture (-s), to the right and upwards
     shift    what is added to them afterwards (-o)
     """
 
     diffuse: tuple[int, int, int] | None = None
+    problem: str = ""
     texture: str = ""
     scale: tuple[float, float] = (1.0, 1.0)
     shift: tuple[float, float] = (0.0, 0.0)
@@ -55,33 +60,40 @@ def read_materials(data: bytes) -> dict[str, Material]:
     """Return the materials of a library by name. What cannot be read in it is passed over."""
     materials: dict[str, Material] = {}
     material = Material()  # takes what stands before the first name
-    text = data.decode("utf-8-sig", "replace").replace("\\\r\n", " ").replace("\\\n", " ")
-    for line in text.splitlines():
+    for line in decoded(data).replace("\\\n", " ").split("\n"):
         keyword, _, rest = line.strip().replace("\t", " ").partition(" ")
         rest = rest.strip()
         match keyword.lower():
             case "newmtl":
                 material = materials.setdefault(rest, Material())
             case "kd":
-                material.diffuse = _bytes(rest.split()) or material.diffuse
+                _set_diffuse(material, _COMMENT.sub("", rest).split())
             case "map_kd":
-                _set_texture(material, rest)
+                _set_texture(material, _COMMENT.sub("", rest).strip())
     return materials
 
 
-def _bytes(fields: list[str]) -> tuple[int, int, int] | None:
-    """Return red, green and blue as bytes from numbers of 0 to 1; None for other words.
+def decoded(data: bytes) -> str:
+    """Return a text of UTF-8, 16 or 32, or else of Latin-1, with LF at the ends of its lines."""
+    try:
+        text = data.decode(json.detect_encoding(data[:4]))
+    except UnicodeDecodeError:  # names in other encodings are then wrong, but differ as they should
+        text = data.decode("latin-1")
+    return text.removeprefix("\ufeff").replace("\r\n", "\n").replace("\r", "\n")
 
-    A single number stands for all three, as the format has it.
-    """
+
+def _set_diffuse(material: Material, fields: list[str]) -> None:
+    """Give a material its diffuse colour: three numbers of 0 to 1, or one that stands for all."""
     numbers = [float(field) for field in fields if _NUMBER.fullmatch(field)]
-    if len(numbers) != len(fields) or not numbers:
-        return None
-    channels = (numbers * 3)[:3] if len(numbers) == 1 else numbers[:3]
-    if len(channels) != 3:
-        return None
-    red, green, blue = (int(np.floor(255 * min(1.0, max(0.0, c)) + 0.5)) for c in channels)
-    return red, green, blue
+    if len(numbers) != len(fields) or len(numbers) not in (1, 3):
+        material.problem = "has a colour that cannot be read"
+        return
+    material.problem = ""
+    if not all(-_ROUNDING <= number <= 1 + _ROUNDING for number in numbers):
+        material.problem = "has a colour beyond 0 to 1, which is cut"
+    cut = np.clip(numbers * 3 if len(numbers) == 1 else numbers, 0.0, 1.0)
+    red, green, blue = np.floor(255 * cut + 0.5).astype(int).tolist()
+    material.diffuse = red, green, blue
 
 
 def _set_texture(material: Material, text: str) -> None:

@@ -7,7 +7,6 @@ by one spelling of their names alone; pymeshlab ends the process on some files.
 
 from __future__ import annotations
 
-import json
 import re
 from collections.abc import Sequence
 from contextlib import suppress
@@ -16,6 +15,7 @@ from dataclasses import dataclass, field
 import numpy as np
 from numpy.typing import NDArray
 
+from data_prep.files.cloud_contents import NotACloud, colors_of
 from data_prep.files.mesh_contents import (
     FaceColors,
     MeshContents,
@@ -23,7 +23,12 @@ from data_prep.files.mesh_contents import (
     corner_means,
     grey_faces,
 )
-from data_prep.files.mesh_materials import Material, library_names, read_materials
+from data_prep.files.mesh_materials import (
+    Material,
+    decoded,
+    library_names,
+    read_materials,
+)
 from data_prep.files.mesh_resources import MeshResources
 from data_prep.files.polygons import triangles_of_polygons
 from data_prep.files.safe_read import shown
@@ -31,10 +36,15 @@ from data_prep.files.text_numbers import numbers_in
 from data_prep.files.textures import TextureReader, colors_at, from_below
 
 _COMMENT = re.compile(r"(?:^|(?<=\s))#.*")  # 1.#IND of Windows is none
+_OF_NUMBERS = re.compile(r"\s*(?:v|vt|vn|vp|f|fo|l|p)\s", re.IGNORECASE)
+# Lines that may have a comment: in a name, as in "Material #25", a # is a part of it.
+_COMMENTED = re.compile(rf"\s*#|{_OF_NUMBERS.pattern}", re.IGNORECASE)
+_KEYWORDS = ("v", "vt", "f", "fo", "usemtl", "mtllib")
 _CORNER = re.compile(r"(-?[0-9]+)(?:/(-?[0-9]+)?(?:/-?[0-9]*)?)?")
 _DECIMAL_COMMA = re.compile(r"[+-]?[0-9]*,[0-9]+(?:[eE][+-]?[0-9]+)?")
 _FREE_FORMS = ("curv", "curv2", "surf")  # keywords of curves and surfaces that are no polygons
 _NO_PLACE = -1  # for a corner without a place in a texture
+_BEYOND = -2  # for a corner whose place is not in the file
 
 
 @dataclass
@@ -67,36 +77,43 @@ def read_obj(data: bytes, resources: MeshResources) -> MeshContents:
     that is not there.
     """
     lines = _sorted_lines(data)
-    vertices, vertex_colors = _vertices(lines.vertices)
+    if not lines.vertices:
+        raise NotAMesh("no line of it is a vertex (v x y z); it is no OBJ, or has no vertices")
+    vertices, vertex_colors, notes = _vertices(lines.vertices)
     corners, places, lengths = _corners(lines.faces, len(vertices), len(lines.places))
     positions, polygons = triangles_of_polygons(vertices[corners], lengths)
     faces = corners[positions]
     colors = grey_faces(len(faces))
     if vertex_colors is not None:
         colors = corner_means(vertex_colors, faces)
-    notes = ["curves and surfaces that are no polygons are left out"] if lines.free_forms else []
+    if lines.free_forms:
+        notes.append("curves and surfaces that are no polygons are left out")
     if lines.materials and len(faces):
         middles = _middles(lines.places, places[positions])
         painted = _Paint(lines.libraries, resources)
         painted.paint(colors, vertex_colors is None, middles, _materials_of(lines, polygons))
         notes += painted.notes
+        beyond = (places == _BEYOND).sum()
+        if beyond:
+            notes.append(f"{beyond} corners have places in a texture that are not there")
     return MeshContents(vertices, faces, colors, tuple(notes))
 
 
 def _sorted_lines(data: bytes) -> _Lines:
-    text = data.decode(json.detect_encoding(data[:4]), "replace").removeprefix("\ufeff")
-    text = text.replace("\r\n", "\n").replace("\r", "\n")
-    text = text.replace("\t", " ")
+    text = decoded(data).replace("\t", " ")
     lines = _Lines()
     begun = ""  # a line that ends with a backslash goes on in the next one
-    for number, line in enumerate(text.split("\n"), 1):
-        line, begun = begun + line, ""
-        if line.endswith("\\"):
-            begun = line[:-1]
-            continue
-        if "#" in line:
+    for number, line in enumerate((text + "\n").split("\n"), 1):
+        if "#" in line and _COMMENTED.match(begun + line):
             line = _COMMENT.sub("", line)
+        line, begun = begun + line, ""
+        if line.rstrip().endswith("\\"):
+            line = line.rstrip()[:-1]
+            # Numbers are apart; a name may be cut anywhere.
+            begun = f"{line} " if _OF_NUMBERS.match(line) else line
+            continue
         keyword, _, rest = line.strip().partition(" ")
+        keyword = keyword if keyword in _KEYWORDS else keyword.lower()
         if keyword == "v":
             lines.vertices.append((number, rest))
         elif keyword in ("f", "fo"):  # `fo` is the name that old files have
@@ -115,17 +132,18 @@ def _sorted_lines(data: bytes) -> _Lines:
 
 def _vertices(
     rows: Sequence[tuple[int, str]],
-) -> tuple[NDArray[np.float64], NDArray[np.uint8] | None]:
-    """Return the vertices [V, 3], and their colours [V, 3] if all of them have some."""
+) -> tuple[NDArray[np.float64], NDArray[np.uint8] | None, list[str]]:
+    """Return the vertices [V, 3], their colours [V, 3] if all of them have some, and notes."""
     widths = [len(row.split()) for _, row in rows]
-    if not widths:
-        return np.empty((0, 3)), None
     width = min(widths)
     if width < 3:
         number = rows[widths.index(width)][0]
         raise NotAMesh(
             f"line {number}: a vertex of {width} numbers, expected x, y and z; write the file again"
         )
+    notes = []
+    if width < 6 <= max(widths):
+        notes.append("some vertices have colours and others none: they are left out")
     table = numbers_in(" ".join(row for _, row in rows)) if width == max(widths) else None
     if table is None or table.size != width * len(rows):
         width = 6 if width >= 6 else 3
@@ -133,14 +151,12 @@ def _vertices(
             [[_number(field, number) for field in row.split()[:width]] for number, row in rows]
         )
     table = table.reshape(len(rows), width)
-    return table[:, :3], _color_bytes(table[:, 3:6]) if width >= 6 else None
-
-
-def _color_bytes(colors: NDArray[np.float64]) -> NDArray[np.uint8] | None:
-    """Return colours of 0 to 1, or of 0 to 255, as bytes; None for values that are no colours."""
-    if not len(colors) or not np.isfinite(colors).all() or colors.min() < 0 or colors.max() > 255:
-        return None
-    return np.floor(colors * (255.0 if colors.max() <= 1 else 1.0) + 0.5).astype(np.uint8)
+    if width < 6:
+        return table[:, :3], None, notes
+    try:
+        return table[:, :3], colors_of(table[:, 3:6]), notes
+    except NotACloud as problem:
+        return table[:, :3], None, [*notes, f"drawn without colours of vertices: {problem}"]
 
 
 def _number(text: str, line: int) -> float:
@@ -148,7 +164,8 @@ def _number(text: str, line: int) -> float:
     if ".#" in text:
         return float("nan")
     try:
-        return float(text)
+        if "_" not in text:  # float() takes 1_000, which no program writes into files
+            return float(text)
     except ValueError:
         pass
     if _DECIMAL_COMMA.fullmatch(text):
@@ -163,14 +180,14 @@ def _corners(
 ) -> tuple[NDArray[np.int64], NDArray[np.int64], NDArray[np.int64]]:
     """Return the vertex and the place in the texture of each corner, and corners of each face.
 
-    The place is _NO_PLACE for a corner that has none, or one that is not there.
+    The place is _NO_PLACE for a corner that has none, and _BEYOND for one that is not there.
     """
     at_once = _uniform_corners(rows)
     if at_once is not None:
         corners, places, lengths = at_once
         wrong = (corners < 0) | (corners >= vertex_count)
         if not wrong.any():
-            places[places >= place_count] = _NO_PLACE
+            places[places >= place_count] = _BEYOND
             return corners, places, lengths
     pairs: list[tuple[int, int]] = []
     for number, vertices_before, places_before, row in rows:
@@ -186,7 +203,9 @@ def _corners(
             if vertex == 0 or not 0 <= index < vertex_count:
                 raise _no_vertex(number, vertex, vertex_count)
             of_place = place - 1 if place > 0 else places_before + place
-            pairs.append((index, of_place if place and 0 <= of_place < place_count else _NO_PLACE))
+            if not 0 <= of_place < place_count:
+                of_place = _BEYOND
+            pairs.append((index, of_place if place else _NO_PLACE))
     table = np.array(pairs, np.int64).reshape(-1, 2)
     lengths = np.array([len(row.split()) for *_, row in rows], np.int64)
     return table[:, 0], table[:, 1], lengths
@@ -240,7 +259,7 @@ def _middles(
 
     Return None where no face has a place.
     """
-    known = (places != _NO_PLACE).all(axis=1)
+    known = (places >= 0).all(axis=1)
     if not known.any():
         return None
     table = np.full((len(rows), 2), np.nan)
@@ -272,13 +291,18 @@ class _Paint:
         self._materials: dict[str, Material] = {}
         self._textures = TextureReader(resources.read)
         self._notes: list[str] = []
+        read: set[str] = set()
         for text in libraries:
             for name in library_names(text, resources.find):
+                if name in read:
+                    continue
+                read.add(name)
                 data = resources.read(name)
                 if data is None:
                     self._notes.append(f"the materials {shown(name)} are not there")
                 else:
-                    self._materials |= read_materials(data)
+                    # Of two materials of one name the first counts.
+                    self._materials = read_materials(data) | self._materials
 
     @property
     def notes(self) -> list[str]:
@@ -305,8 +329,11 @@ class _Paint:
                 if len(rows) and not self._notes:  # a library that is not there has a note already
                     self._notes.append(f"the material {shown(name)} is in none of its libraries")
                 continue
-            if material.diffuse is not None and diffuse:
-                colors[rows] = material.diffuse
+            if diffuse:
+                if material.problem and len(rows):
+                    self._notes.append(f"the material {shown(name)} {material.problem}")
+                if material.diffuse is not None:
+                    colors[rows] = material.diffuse
             if not material.texture or middles is None:
                 continue
             pixels = self._textures.pixels(material.texture)

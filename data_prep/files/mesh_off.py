@@ -40,7 +40,7 @@ class _Rows:
     corners        int64 [C]: the vertices of all faces, one after another
     lengths        int64 [P]: the number of corners of each face
     face_colors    uint8 [P, 3]; None for a file whose faces have none
-    more           the number of rows behind the last face
+    notes          lines on what was left out
     """
 
     vertices: NDArray[np.float64]
@@ -48,7 +48,7 @@ class _Rows:
     corners: NDArray[np.int64]
     lengths: NDArray[np.int64]
     face_colors: NDArray[np.uint8] | None
-    more: int = 0
+    notes: tuple[str, ...] = ()
 
 
 def read_off(data: bytes) -> MeshContents:
@@ -92,8 +92,7 @@ def read_off(data: bytes) -> MeshContents:
         colors = corner_means(rows.vertex_colors, faces)
     if rows.face_colors is not None:
         colors = rows.face_colors[polygons]
-    notes = (f"{rows.more} rows behind the last face are left out",) if rows.more else ()
-    return MeshContents(rows.vertices, faces, colors, notes)
+    return MeshContents(rows.vertices, faces, colors, rows.notes)
 
 
 def _rows_of_lines(lines: Sequence[str], before_colors: int, colored: bool) -> _Rows | None:
@@ -114,12 +113,25 @@ def _rows_of_lines(lines: Sequence[str], before_colors: int, colored: bool) -> _
         return None
     corners, lengths, behind = faces
     vertex_colors = face_colors = None
-    if colored:
-        vertex_colors = _colors([line.split()[before_colors:] for line in of_vertices])
-    if any(len(fields) >= 3 for fields in behind):
-        face_colors = _colors(behind)
-    more = len(lines) - last
-    return _Rows(vertices, vertex_colors, corners, lengths, face_colors, more)
+    notes = []
+    of_colors = [line.split()[before_colors:] for line in of_vertices] if colored else []
+    for name, rows in (("vertices", of_colors), ("faces", behind)):
+        if any(0 < len(row) < 3 for row in rows):
+            notes.append(f"colours of its {name} by their number in a list are left out")
+        if not any(len(row) >= 3 for row in rows):
+            continue
+        colors = _colors(rows)
+        if colors is None:
+            notes.append(f"the words behind its {name} are no colours")
+        elif name == "vertices":
+            vertex_colors = colors
+        else:
+            face_colors = colors
+    if of_vertices and not colored and len(of_vertices[0].split()) > before_colors:
+        notes.append("further numbers of its vertices are not used, as its first word names none")
+    if len(lines) > last:
+        notes.append(f"{len(lines) - last} rows behind the last face are left out")
+    return _Rows(vertices, vertex_colors, corners, lengths, face_colors, tuple(notes))
 
 
 def _vertices(lines: Sequence[str], width: int) -> NDArray[np.float64] | None:
@@ -191,8 +203,9 @@ def _rows_of_words(words: Sequence[str], width: int) -> _Rows:
             "say; it is damaged or cut short, fetch it again"
         ) from None
     more = len(words) - at
+    notes = (f"{more} numbers behind the last face are left out",) if more else ()
     return _Rows(
-        _table(rows), None, np.array(corners, np.int64), np.array(lengths, np.int64), None, more
+        _table(rows), None, np.array(corners, np.int64), np.array(lengths, np.int64), None, notes
     )
 
 
@@ -201,7 +214,7 @@ def _table(rows: Sequence[Sequence[str]]) -> NDArray[np.float64]:
     table = np.empty((len(rows), 3))
     for index, row in enumerate(rows):
         try:
-            table[index] = [float(word) for word in row]
+            table[index] = [float(word.replace("_", "x")) for word in row]  # no program's 1_000
         except ValueError:
             raise NotAMesh(
                 f"vertex {index}: {shown(' '.join(row))} are no numbers such as -1234.5; correct "
@@ -211,16 +224,20 @@ def _table(rows: Sequence[Sequence[str]]) -> NDArray[np.float64]:
 
 
 def _colors(rows: Sequence[Sequence[str]]) -> FaceColors | None:
-    """Return the colours [N, 3] of rows; None where a word of one is no colour."""
+    """Return the colours [N, 3] of rows, neutral grey for a row without; None for other words.
+
+    Numbers of a file are fractions to 1 where one of them has a point or none is above 1; else they
+    are bytes.
+    """
+    numbers = np.full((len(rows), 3), np.nan)
     try:
-        return np.array([_color(row) for row in rows], np.uint8).reshape(-1, 3)
-    except (ValueError, OverflowError):
+        for index, row in enumerate(rows):
+            if len(row) >= 3:
+                numbers[index] = [float(word) for word in row[:3]]
+    except ValueError:
         return None
-
-
-def _color(words: Sequence[str]) -> tuple[int, ...]:
-    """Return red, green and blue as bytes, neutral grey for a row without."""
-    if len(words) < 3:
-        return NEUTRAL_GREY
-    full = 255 if any("." in word for word in words[:3]) else 1
-    return tuple(min(255, max(0, round(float(word) * full))) for word in words[:3])
+    given = np.isfinite(numbers).all(axis=1)
+    has_points = any("." in word for row in rows for word in row)
+    fractions = has_points or float(numbers[given].max(initial=0.0)) <= 1
+    channels = np.clip(np.rint(numbers * (255 if fractions else 1)), 0, 255)
+    return np.where(given[:, None], channels, NEUTRAL_GREY).astype(np.uint8)

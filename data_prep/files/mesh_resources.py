@@ -60,8 +60,9 @@ class MeshResources:
         Quotes around the name do not count, backslashes separate folders as slashes do, and where
         nothing has the name itself, one that differs in capital letters alone is taken.
         """
-        name = name.strip().strip("\"'").replace("\\", "/")
-        for candidate in dict.fromkeys((name, name.lstrip("/"), name.rpartition("/")[2])):
+        plain = name.strip().strip("\"'").replace("\\", "/")
+        names = (name, plain, plain.lstrip("/"), plain.rpartition("/")[2])
+        for candidate in dict.fromkeys(names):
             for look in (self._exact, self._in_any_case):
                 if path := look(candidate):
                     return path

@@ -15,6 +15,7 @@ from data_prep.files.text_numbers import numbers_in
 _HEADER_BYTES = 84  # 80 of any text, and the number of triangles
 _FACET = np.dtype([("normal", "<f4", 3), ("corners", "<f4", (3, 3)), ("attribute", "<u2")])
 _BEGIN = re.compile(r"outer\s+loop")
+_BEGIN_BYTES = re.compile(rb"outer\s+loop", re.IGNORECASE)
 _LOOP = re.compile(r"outer\s+loop(.*?)endloop", re.DOTALL)  # names of solids may be any words
 
 
@@ -29,8 +30,8 @@ def read_stl(data: bytes) -> MeshContents:
     claimed = int.from_bytes(data[80:_HEADER_BYTES], "little")
     size = _HEADER_BYTES + claimed * _FACET.itemsize
     # A binary file may begin with "solid", too, and then its size tells.
-    is_text = data.lstrip()[:5].lower() == b"solid" and len(data) != size
-    if is_text or (b"facet" in data[:1000] and len(data) != size):
+    is_text = data.lstrip()[:5].lower() == b"solid" or b"facet" in data[:1000]
+    if is_text and len(data) != size and not (b"\0" in data and not _BEGIN_BYTES.search(data)):
         return _read_text(data)
     if len(data) < size or len(data) < _HEADER_BYTES:
         raise NotAMesh(

@@ -119,12 +119,19 @@ def _read_ply(data: bytes, resources: MeshResources) -> MeshContents:
     if read.face_colors is not None:
         colors = read.face_colors
     textures = TextureReader(resources.read)
-    if read.textures and read.texture_places is not None:
+    if read.texture_places is not None:
         middles = from_below(read.texture_places.mean(axis=1))
-        pixels = textures.pixels(read.textures[0])
-        if pixels is not None:
-            colors = colors_at(pixels, middles)
-    return MeshContents(read.points, faces, colors, tuple(textures.notes))
+        numbers = read.texture_of_face
+        for number, name in enumerate(read.textures):
+            rows = np.arange(len(faces)) if numbers is None else np.flatnonzero(numbers == number)
+            pixels = (
+                textures.pixels(name)
+                if len(rows) and (number == 0 or numbers is not None)
+                else None
+            )
+            if pixels is not None:
+                colors[rows] = colors_at(pixels, middles[rows])
+    return MeshContents(read.points, faces, colors, (*read.notes, *textures.notes))
 
 
 _READERS: Mapping[str, Callable[[bytes, MeshResources], MeshContents]] = {

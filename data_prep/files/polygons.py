@@ -15,6 +15,7 @@ Positions = NDArray[np.int64]  # [T, 3], positions in the list of corners
 # Turns of less than this, as the sine of their angle, do not make a polygon concave. Corners on a
 # straight edge turn by the rounding of float32, 1e-7 of the distance from the origin.
 _LEAST_TURN = 1e-5
+_SHORTEST = 1e-6  # times the longest edge: an edge as short as this joins a corner to its twin
 _AT_ONCE = 2**13  # polygons that are looked at together, whose corners fit into a cache
 
 
@@ -86,7 +87,10 @@ def _steps(
 def _reflex_corners(
     points: NDArray[np.float64], first: NDArray[np.int64], lengths: NDArray[np.int64]
 ) -> NDArray[np.int64]:
-    """Return the corner [P] that turns most against the sense of its polygon, -1 for none."""
+    """Return the corner [P] that turns most against the sense of its polygon, -1 for none.
+
+    A polygon of more than four corners two of which coincide counts as turning at its first one.
+    """
     reflex = np.full(len(lengths), -1)
     for length in np.unique(lengths[lengths > 3]):
         of_length = np.flatnonzero(lengths == length)
@@ -94,12 +98,16 @@ def _reflex_corners(
             rows = of_length[start : start + _AT_ONCE]
             corners = points[first[rows, None] + np.arange(length)].transpose(2, 0, 1)
             edges = np.roll(corners, -1, axis=2) - corners  # [3, rows, length]
-            edges = edges / _norm(edges)
+            sizes = _norm(edges)
+            edges = edges / sizes
             turns = _cross(np.roll(edges, 1, axis=2), edges)
             sines = (turns * _normals(corners)[:, :, None]).sum(axis=0)
             most = np.where(np.isnan(sines), np.inf, sines).argmin(axis=1)
             against = np.take_along_axis(sines, most[:, None], axis=1)[:, 0] < -_LEAST_TURN
             reflex[rows[against]] = most[against]
+            if length > 4:  # a corner that stands twice, or nearly, hides how the others turn
+                twice = (sizes <= _SHORTEST * sizes.max(axis=1, keepdims=True)).any(axis=1)
+                reflex[rows[twice]] = 0
     return reflex
 
 
@@ -125,18 +133,23 @@ def _norm(vectors: NDArray[np.float64]) -> NDArray[np.float64]:
 def _clip(corners: NDArray[np.float64]) -> Positions:
     """Return the triangles [T, 3] of a polygon [C, 3] by ear clipping in its plane.
 
-    For a polygon that the library finds no triangle of, as all of it lies on a line, return a fan.
+    For a polygon that has no plane, or that the library finds no triangle of, return a fan.
     """
     from mapbox_earcut import triangulate_float64
 
-    normal = _normals(corners.T[:, None])[:, 0]
-    dropped = int(np.abs(normal).argmax())  # the axis that the plane is most nearly across
-    plane = np.delete(corners - corners[0], dropped, axis=1)
+    with np.errstate(all="ignore"):  # of corners on a line, and of broken ones
+        normal = _normals(corners.T[:, None])[:, 0]
+    if not np.isfinite(normal).all():
+        return _fans(np.array([len(corners)]), np.zeros(1, np.int64))[0]
+    right = np.cross(normal, np.eye(3)[np.abs(normal).argmin()])
+    right /= np.linalg.norm(right)
+    across = np.stack([right, np.cross(normal, right)], axis=1)
+    plane = (corners - corners[0]) @ across  # [C, 2]
     ends = np.array([len(corners)], np.uint32)
     triangles = triangulate_float64(np.ascontiguousarray(plane), ends).reshape(-1, 3)
     if not len(triangles):
         return _fans(np.array([len(corners)]), np.zeros(1, np.int64))[0]
     a, b, c = (corners[triangles[:, i]] for i in range(3))
-    backwards = np.cross(b - a, c - a) @ normal < 0  # the library has a sense of its own
+    backwards = np.cross(b - a, c - a) @ normal < 0  # the library turns as it likes
     triangles[backwards] = triangles[backwards, ::-1]
     return triangles.astype(np.int64)

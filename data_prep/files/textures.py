@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import io
+import warnings
 from collections.abc import Callable
 
 import numpy as np
@@ -32,15 +33,22 @@ def _decoded(data: bytes) -> NDArray[np.uint8] | None:
     from PIL import Image
 
     try:
-        with Image.open(io.BytesIO(data), formats=_FORMATS) as image:
-            if image.width * image.height > MOST_PIXELS:
-                raise TooLarge(
-                    f"a texture of {image.width} x {image.height} pixels, at most {MOST_PIXELS} "
-                    "are read; give a smaller one"
-                )
-            return np.asarray(image.convert("RGB"))
+        with warnings.catch_warnings():
+            warnings.simplefilter("ignore")  # of large pictures, which are refused below
+            with Image.open(io.BytesIO(data), formats=_FORMATS) as image:
+                if image.width * image.height > MOST_PIXELS:
+                    raise TooLarge(
+                        f"a texture of {image.width} x {image.height} pixels, at most "
+                        f"{MOST_PIXELS} are read; give a smaller one"
+                    )
+                if image.mode.startswith("I"):  # grey of 16 bits, which Pillow would cut at 255
+                    grey = (np.asarray(image) // 257).clip(0, 255).astype(np.uint8)
+                    return np.repeat(grey[..., None], 3, axis=2)
+                return np.asarray(image.convert("RGB"))
     except TooLarge:
         raise
+    except Image.DecompressionBombError:
+        raise TooLarge(f"a texture of more than {MOST_PIXELS} pixels; give a smaller one") from None
     except Exception:  # the decoders of Pillow may raise any exception
         return None
 
@@ -55,16 +63,24 @@ class TextureReader:
         """Keep the function that returns the bytes behind a name, None where there are none."""
         self._read = read
         self._pixels: dict[str, NDArray[np.uint8] | None] = {}
+        self._count = 0
         self.notes: list[str] = []
 
     def pixels(self, name: str) -> NDArray[np.uint8] | None:
         """Return the pixels uint8 [H, W, 3] of a texture; None where it cannot be had.
 
-        Raises TooLarge for a picture of more than MOST_PIXELS.
+        Raises TooLarge for pictures of more than MOST_PIXELS together.
         """
         if name not in self._pixels:
             data = self._read(name)
-            self._pixels[name] = None if data is None else _decoded(data)
+            pixels = None if data is None else _decoded(data)
+            self._pixels[name] = pixels
+            self._count += 0 if pixels is None else pixels.shape[0] * pixels.shape[1]
+            if self._count > MOST_PIXELS:
+                raise TooLarge(
+                    f"textures of {self._count} pixels together, at most {MOST_PIXELS} are read; "
+                    "give smaller ones"
+                )
             if data is None:
                 self.notes.append(f"the texture {shown(name)} is not there")
             elif self._pixels[name] is None:

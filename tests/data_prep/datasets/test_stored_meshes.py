@@ -216,6 +216,8 @@ GREY = list(NEUTRAL_GREY)
         ("OFF", "", ["3 0 1 2 red as wine", "3 0 1 3 0 255 0"], [GREY, GREY]),
         ("COFF", " 0 0 255 255", ["3 0 1 2", "3 0 1 3"], [BLUE, BLUE]),
         ("COFF", " 0.0 1.0 0.0", ["3 0 1 2"], [GREEN]),
+        ("COFF", " 0 1 0 1", ["3 0 1 2"], [GREEN]),  # none is above 1, so that they are fractions
+        ("OFF", "", ["3 0 1 2 1 0 0", "3 0 1 3 0. 0. 1. 0.5"], [RED, BLUE]),
         ("CNOFF", " 0 0 1 255 0 0 255", ["3 0 1 2"], [RED]),
         ("NOFF", " 0 0 1", ["3 0 1 2"], [GREY]),
     ],

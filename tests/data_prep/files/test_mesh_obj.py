@@ -40,6 +40,8 @@ def read(folder: Path, text: str | bytes, **files: str | bytes):
         (V.replace("\n", "\r") + "f 1 2 3\rf 1 2\rl 1 2\rp 1\rfo 1 3 4\r", [[0, 1, 2], [0, 2, 3]]),
         (V + "vn -1.#IND 0 0\nvn x\ng a b\ns off\no\nf 1//1 2//1 3//1\n", [[0, 1, 2]]),
         (V + "f 1/2/3 2//3 3/1 4\n", [[0, 1, 2], [0, 2, 3]]),
+        (V + "# C:\\models\\\nf 1 2 3 # \\\nf 1 3 4", [[0, 1, 2], [0, 2, 3]]),
+        (V + "f 1 2\\\n3\nf 1 3 \\ \n4\\", [[0, 1, 2], [0, 2, 3]]),
         ("v 0 0 0 1\nv 1 0 0 1.0\nv 0 1 0 0.5\nf 1 2 3\n", [[0, 1, 2]]),
         # Rows that have the same number of slashes, and not at the same places.
         (V + "f 1/2/3 2 4/5/6\nf 1 2/1/1 4 3//3\n", [[0, 1, 3], [0, 1, 3], [0, 3, 2]]),
@@ -80,10 +82,30 @@ def test_materials_are_found_as_people_name_them(tmp_path: Path, library: str, n
         (TWO, None, [GREY, GREY], "the materials 'a.mtl' are not there"),
         (TWO, "newmtl red\nKd 1 0 0\n", [RED, GREY], "the material 'blue' is in none of its"),
         (TWO, KD.upper().replace("NEWMTL", "newmtl"), [RED, BLUE], None),
-        (TWO, "newmtl red\nKd 1\nnewmtl blue\nKd xyz 1 1 1\n", [[255] * 3, GREY], None),
+        (
+            TWO,
+            "newmtl red\nKd 1\nnewmtl blue\nKd xyz 1 1 1\n",
+            [[255] * 3, GREY],
+            "'blue' has a colo",
+        ),
+        (
+            TWO,
+            "newmtl red\nKd 1 0 0 # of wood\nnewmtl blue\nKd 0,0 0 1\n",
+            [RED, GREY],
+            "'blue' has",
+        ),
+        (TWO, "newmtl red\nKd 1.0001 0 0\nnewmtl blue\nKd 0 0 255\n", [RED, BLUE], "beyond 0 to 1"),
+        ("usemtl M #25\nf 1 2 3\n", "newmtl M #24\nKd 0 1 0\nnewmtl M #25\nKd 1 0 0", [RED], None),
+        (
+            "usemtl r\xf6t\nf 1 2 3\n",
+            "newmtl r\xf6t\nKd 1 0 0\nnewmtl r\xfct\nKd 0 0 1",
+            [RED],
+            None,
+        ),
+        ("USEMTL red\nF 1 2 3\n", KD, [RED], None),
         ("f 1 2 3\n" + TWO, KD, [GREY, RED, BLUE], None),
         ("usemtl red\nusemtl blue\nf 1 2 3 4\n", KD, [BLUE, BLUE], None),
-        ("usemtl my red\nf 1 2 3\n", "newmtl my red\nKd 2 -1 .5\n", [[255, 0, 128]], None),
+        ("usemtl my red\nf 1 2 3\n", "newmtl my red\nKd 1 0 .5\n", [[255, 0, 128]], None),
         ("cstype bezier\nsurf 0 1 0 1 1 2 3 4\nf 1 2 3\n", KD, [GREY], "no polygons are left out"),
     ],
 )
@@ -120,8 +142,35 @@ def test_textures(tmp_path: Path, texture: str, colors: list) -> None:
     )
 
 
-@pytest.mark.parametrize("full", [1, 255])
-def test_colours_of_vertices_come_before_diffuse_ones(tmp_path: Path, full: int) -> None:
+def test_names_that_are_no_utf_8_stay_apart(tmp_path: Path) -> None:
+    obj = f"mtllib a.mtl\n{V}usemtl r\xf6t\nf 1 2 3\nusemtl r\xfct\nf 1 3 4\n".encode("latin-1")
+    mtl = "newmtl r\xf6t\nKd 1 0 0\nnewmtl r\xfct\nKd 0 0 1\n".encode("latin-1")
+    assert read(tmp_path, obj, a_mtl=mtl).face_colors.tolist() == [RED, BLUE]
+
+
+def test_the_first_material_of_a_name_counts(tmp_path: Path) -> None:
+    text = f"mtllib a.mtl b.mtl\n{V}usemtl red\nf 1 2 3\n"
+    contents = read(tmp_path, text, a_mtl=KD, b_mtl="newmtl red\nKd 0 1 0\n")
+    assert contents.face_colors.tolist() == [RED]
+
+
+@pytest.mark.parametrize(
+    ("text", "note"),
+    [
+        (V.replace("0 0 0", "0 0 0 1 0 0", 1) + "f 1 2 3\n", "some vertices have colours and"),
+        (V.replace("\n", " -1 0 0\n") + "f 1 2 3\n", "drawn without colours of vertices: its col"),
+        (V + "usemtl m\nf 1/7 2/7 3/7\n", "3 corners have places in a texture that are not there"),
+    ],
+)
+def test_colours_that_are_left_out_are_told(tmp_path: Path, text: str, note: str) -> None:
+    contents = read(tmp_path, f"mtllib a.mtl\n{text}", a_mtl="newmtl m\n")
+    assert contents.face_colors.tolist() == [GREY]
+    (line,) = contents.notes
+    assert note in line
+
+
+@pytest.mark.parametrize("full", [1, 1.0001, 255])
+def test_colours_of_vertices_come_before_diffuse_ones(tmp_path: Path, full: float) -> None:
     rows = [(full, 0, 0), (full, 0, 0), (full, 0, 0), (0, 0, full)]
     text = "".join(
         f"v {x} {y} 0 {r} {g} {b}\n"
@@ -145,6 +194,12 @@ def test_colours_of_vertices_come_before_diffuse_ones(tmp_path: Path, full: int)
         ("v 0 0 0\nv one 0 0\n", "line 2: 'one' is no number"),
         ("v 0 \\\n0 0\nv 1 x 0\n", "line 3: 'x' is no number"),
         (V, "the mesh has no faces"),
+        ("<svg width='9'>no mesh</svg>", "XML; export it as .obj"),
+        (
+            "404: Not Found\n",
+            "no line of it is a vertex (v x y z); it is no OBJ, or has no vertices",
+        ),
+        ("v 0 0 0\nv 1_0 0 0\n", "line 2: '1_0' is no number"),
         ("version https://git-lfs.github.com/spec/v1\noid sha256:0\nsize 9\n", "git lfs pull"),
     ],
 )

@@ -98,6 +98,8 @@ TEXT_STL = f"solid vertex loop\n{loop(0, 1, 2)}{loop(0, 2, 3)}endsolid vertex lo
     "content",
     [
         facets(),
+        facets(header=b"ply\n"),
+        facets(header=b"glTF"),
         facets(header=b"solid of CAD, facet"),  # begins as a text does
         facets(header=b"OFF\n4 1 0\n"),
         TEXT_STL,
@@ -126,6 +128,7 @@ def test_colours_of_an_stl_by_materialise_magics(tmp_path: Path) -> None:
 @pytest.mark.parametrize(
     ("content", "problem"),
     [
+        (facets(3, header=b"solid a"), "3 triangles, 234 bytes, of which 184 are there"),
         (facets(3), "3 triangles, 234 bytes, of which 184 are there"),
         (facets()[:-1], "2 triangles, 184 bytes, of which 183 are there"),
         (TEXT_STL.partition("endloop")[0], "1 loops begin and 0 end"),
@@ -141,7 +144,7 @@ def test_refused_stls(tmp_path: Path, content: str | bytes, problem: str) -> Non
 
 
 def test_bytes_behind_the_last_triangle_of_an_stl_are_told(tmp_path: Path) -> None:
-    contents = read(tmp_path, "a.stl", facets(1))
+    contents = read(tmp_path, "a.stl", facets(1, header=b"solid a"))
     assert contents.faces.tolist() == [[0, 1, 2]]
     assert contents.notes == ("50 bytes behind the last triangle are left out",)
 

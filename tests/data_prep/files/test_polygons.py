@@ -72,6 +72,17 @@ def test_star_shaped_polygons_in_any_plane(radii, normal, shift: float) -> None:
     assert parts.min() > -1e-9
 
 
+@pytest.mark.parametrize("apart", [0.0, 1e-9])
+def test_a_corner_that_stands_twice_hides_no_concave_one(apart: float) -> None:
+    twin = (ARROW[2][0] + apart, ARROW[2][1])
+    for polygon in ([*ARROW[1:3], twin, ARROW[3], ARROW[0]], [*BAR[:4], BAR[3], *BAR[4:]]):
+        for first in range(len(polygon)):
+            points, lengths = flat(polygon[first:] + polygon[:first])
+            triangles, _ = triangles_of_polygons(points, lengths)
+            area = 1 if len(polygon) == 5 else 5
+            assert areas(points, triangles).sum() == pytest.approx(area, abs=1e-8)
+
+
 def test_polygons_without_area_or_with_broken_places_stay_fans() -> None:
     line = [(0, 0), (1, 0), (2, 0), (3, 0), (1.5, 0)]
     broken = [(0, 0), (np.nan, 0), (1, 1), (np.inf, 2), (0, 3)]
