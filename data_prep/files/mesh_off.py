@@ -157,7 +157,7 @@ def _faces(
     has any.
     """
     flat = numbers_in(" ".join(lines), np.int64)
-    triangles = flat is not None and flat.size == 4 * len(lines) and (flat[::4] == 3).all()
+    triangles = flat is not None and flat.size == 4 * len(lines) and bool((flat[::4] == 3).all())
     if flat is not None and triangles and all(len(line.split()) == 4 for line in lines):
         return flat.reshape(-1, 4)[:, 1:].ravel(), np.full(len(lines), 3), []
     corners: list[int] = []
