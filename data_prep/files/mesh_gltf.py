@@ -71,10 +71,8 @@ def read_gltf(data: bytes, resources: MeshResources, most_faces: int) -> MeshCon
         instances = _instances(file, node, place)
         face_count += len(instances) * sum(len(part.faces) for part in meshes[key])
         corner_count += len(instances) * sum(len(part.vertices) for part in meshes[key])
-        if face_count > most_faces or corner_count > 3 * most_faces:
-            raise NotAMesh(
-                f"more than {most_faces} faces, or {3 * most_faces} vertices; give a coarser mesh"
-            )
+        if face_count > most_faces or corner_count > most_faces:
+            raise NotAMesh(f"more than {most_faces} faces or vertices; give a coarser mesh")
         for part in meshes[key]:
             for instance in instances:
                 moved, mirrored = _moved(file, node, places | elsewhere, part, instance)

@@ -236,7 +236,7 @@ def _colors(rows: Sequence[Sequence[str]]) -> FaceColors | None:
                 numbers[index] = [float(word) for word in row[:3]]
     except ValueError:
         return None
-    given = np.isfinite(numbers).all(axis=1)
+    given = np.asarray(np.isfinite(numbers).all(axis=1))
     has_points = any("." in word for row in rows for word in row)
     fractions = has_points or float(numbers[given].max(initial=0.0)) <= 1
     channels = np.clip(np.rint(numbers * (255 if fractions else 1)), 0, 255)

@@ -42,19 +42,23 @@ def read_stl(data: bytes) -> MeshContents:
     vertices = facets["corners"].reshape(-1, 3).astype(np.float64)
     faces = np.arange(len(vertices), dtype=np.int64).reshape(-1, 3)
     more = len(data) - size
-    notes = (f"{more} bytes behind the last triangle are left out",) if more else ()
-    return MeshContents(vertices, faces, _colors(data[:80], facets["attribute"]), notes)
+    notes = [f"{more} bytes behind the last triangle are left out"] if more else []
+    colors = _colors(data[:80], facets["attribute"])
+    if colors is None and (facets["attribute"] >> 15).any():
+        notes.append("what may be its colours is left out: only those of Magics (COLOR=) are read")
+    colors = grey_faces(len(faces)) if colors is None else colors
+    return MeshContents(vertices, faces, colors, tuple(notes))
 
 
-def _colors(header: bytes, attributes: NDArray[np.uint16]) -> FaceColors:
-    """Return the colours of triangles by the rule of Materialise Magics, else neutral grey.
+def _colors(header: bytes, attributes: NDArray[np.uint16]) -> FaceColors | None:
+    """Return the colours of triangles by the rule of Materialise Magics; None where it has none.
 
     The header has the colour of the whole object; 15 bits of an attribute are red, green and blue
     of 5 bits each, from the lowest on, and the highest bit is 0 for a colour of the triangle's own.
     """
     start = header.find(b"COLOR=")
     if not 0 <= start <= len(header) - 10:
-        return grey_faces(len(attributes))
+        return None
     of_object = np.frombuffer(header, np.uint8, 3, start + 6)
     channels = (attributes[:, None] >> np.array([0, 5, 10], np.uint16)) & 31
     of_face = (channels * 255 // 31).astype(np.uint8)

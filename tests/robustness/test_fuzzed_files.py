@@ -292,7 +292,7 @@ def test_too_many_nodes(root: Path, monkeypatch: Any) -> None:
         for count in (9, 10)
     )
     check("mesh-glb", few, root, "read")
-    assert "more than 36 faces; give a coarser mesh" in check("mesh-glb", many, root, "refused")
+    assert "more than 36 faces or vertices; give a coarser mesh" in check("mesh-glb", many, root, "refused")
 
 
 @pytest.mark.parametrize("name", FORMATS)
