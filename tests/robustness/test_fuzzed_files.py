@@ -134,12 +134,12 @@ REFUSED: dict[str, tuple[str, Files, str]] = {
     ),
     "glb-chunk-length": (
         "mesh-glb",
-        {"a.glb": gltf_binary(gltf_tree(gltf_blob()), b"") + struct.pack("<I4s", 2**31, b"BIN\0")},
+        {"a.glb": struct.pack("<4sIII4s", b"glTF", 2, 30, 2**31, b"JSON") + b"{}" * 5},
         "a chunk of 2147483648 bytes reaches beyond the end",
     ),
     "glb-deep": (
         "mesh-glb",
-        {"a.glb": struct.pack("<4sIII4s", b"glTF", 2, 20, 90000, b"JSON") + b"[" * 90000},
+        {"a.glb": struct.pack("<4sIII4s", b"glTF", 2, 90020, 90000, b"JSON") + b"[" * 90000},
         "RecursionError",
     ),
     "other-gltf": (
@@ -292,7 +292,9 @@ def test_too_many_nodes(root: Path, monkeypatch: Any) -> None:
         for count in (9, 10)
     )
     check("mesh-glb", few, root, "read")
-    assert "more than 36 faces or vertices; give a coarser mesh" in check("mesh-glb", many, root, "refused")
+    assert "more than 36 faces or vertices; give a coarser mesh" in check(
+        "mesh-glb", many, root, "refused"
+    )
 
 
 @pytest.mark.parametrize("name", FORMATS)
