@@ -51,6 +51,19 @@ def test_a_sphere_is_opaque_and_over_white_the_same_picture(method: str, size: i
         assert rgba[..., 3][(opaque == 255).all(axis=2)].max() <= 0.1 * 255
 
 
+@pytest.mark.filterwarnings("ignore:splat-net@grey draws 128 x 128 pixels; resampled")
+@pytest.mark.parametrize(("method", "size"), [("alpha-wrap", 200), ("splat-net@grey", 300)])
+def test_a_coloured_sphere_is_over_white_the_same_picture(method: str, size: int) -> None:
+    points = lattice_sphere()
+    options = {"method": method, "size": size, "colors": 250 * (points > 0)}
+    opaque = bench.draw_cloud(points, **options)
+    rgba = bench.draw_cloud(points, **options, background="transparent")
+    assert np.abs(over_white(rgba) - opaque).max() <= 1
+    grey = bench.draw_cloud(points, **options, background="transparent", colour="grey")
+    # What is within 8 levels of nothing or all is rounded, here at the larger size.
+    assert np.abs(rgba[..., 3].astype(int) - grey[..., 3]).max() <= 8
+
+
 @pytest.fixture(scope="module")
 def lamp_post():
     """Return a mesh: a post of a thirtieth of its height on a plate, with an arm."""
