@@ -199,7 +199,7 @@ FILES: dict[str, WeightFiles] = {
         "baselines.upsampler",
         "upsampler",
         "upsampler-weights-1",
-        {"all": "e403918bdea8ec9f706459e5d37d5feea5c81655d7bb793d2a3725d20617448c"},
+        {"all": "2392f5db51ea4124d5246426cac50fb172a377381fbf2230bb8ccff6b2502a68"},
     ),
     "baselines.occupancy_net": _files(
         "baselines.occupancy_net",

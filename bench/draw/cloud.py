@@ -322,7 +322,7 @@ def _unused(contents: CloudContents) -> Iterator[str]:
         is_faces = part.endswith("faces")
         if contents.colors is not None and not is_faces:
             if part.endswith(GUESSED):  # colours that no line names are a guess, too
-                yield f"{part}; three others are drawn as colours, --colour grey leaves them out"
+                yield f"{part}; its colours are a guess, too, which --colour grey leaves out"
             continue
         note = f"{part} are not used; only the coordinates of its points are"
         if is_faces:

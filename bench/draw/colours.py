@@ -59,7 +59,9 @@ def spacing_of(cloud: PointCloud) -> float:
     if len(cloud) < 2:
         return 0.0
     some = cloud.points[random_rows(len(cloud), _MOST_SEARCHED)]
-    return float(np.median(cKDTree(cloud.points).query(some, k=[2])[0]))
+    return float(
+        np.median(cKDTree(cloud.points).query(some, k=[2])[0])
+    )  # the nearest is the point itself
 
 
 def colours_seen(cloud: PointCloud, spacing: float, view: View, size: int) -> NDArray[np.float64]:

@@ -74,7 +74,7 @@ class MeshFile(MeshObject):
             return ()
 
     def notes(self) -> tuple[str, ...]:
-        """Return lines on what the mesh names and what could not be read.
+        """Return lines on what the mesh names but could not be found or read.
 
         Raises BadInput as `load` does.
         """

@@ -130,8 +130,10 @@ class _Table(NamedTuple):
         only = lists if len(lists) == 1 else []  # a single list holds the corners in any case
         index = self.list_index([*_CORNERS, *only])
         if index is None:
-            return _Surface(*(np.empty(shape, np.int64) for shape in (0, (0, 3), 0)))
-        lengths, corners = (part[index].astype(np.int64) for part in (self.columns, self.entries))
+            nothing = np.empty(0, np.int64)
+            return _Surface(nothing, nothing.reshape(0, 3), nothing)
+        lengths = self.columns[index].astype(np.int64)
+        corners = self.entries[index].astype(np.int64)
         rows = np.repeat(np.arange(len(lengths)), lengths)  # of each corner
         is_strip = self.element.name == "tristrips"
         if is_strip:
@@ -141,7 +143,7 @@ class _Table(NamedTuple):
             kept = corners != -1
             strips = (np.cumsum(begins) - 1)[kept]
             corners, rows = corners[kept], rows[kept]
-            lengths = np.bincount(strips, minlength=0)
+            lengths = np.bincount(strips)
         if corners.size and not 0 <= corners.min() <= corners.max() < len(points):
             raise NotACloud(
                 f"faces have the vertices {corners.min()} to {corners.max()}, of {len(points)}; "
@@ -350,7 +352,7 @@ def _uniform_rows(
     first = _positions(min(rows, 1), kinds, data, start)
     if first is None:
         return None
-    ((at, _),) = (first,)
+    at, _ = first
     fields: list[tuple[str, str, tuple[int, ...]]] = []
     lengths = [0] * len(kinds)
     for index, (kind, length) in enumerate(kinds):

@@ -84,7 +84,7 @@ _BY_TEXT = (
     _Kind(rf"<[!?]|<{_TAG}\s+[\w:.-]+\s*=|<{_TAG}>(?:\s*[\r\n]\s*)?<", "XML"),
     _Kind(r'\{(?=.*"(?:asset|accessors|bufferViews)"\s*:)', "a glTF", (".gltf",), _RENAME),
     _Kind(r'\{\s*["}]', "JSON", (".gltf",)),
-    _Kind(r'\[\s*[-+.\d"\[{]', "JSON or NumPy's print"),
+    _Kind(r'\[\s*[-+.\d"\[{]', "JSON, or an array as NumPy prints it"),
     _Kind(r"(?:ST)?C?N?4?n?OFF[ \t]*[\r\n#\d]", "an OFF", (".off",), _RENAME),
     _Kind(r"(?i:solid\b.*?\bfacet\s)", "an STL", (".stl",), _RENAME),
     _Kind(

@@ -19,8 +19,8 @@ from data_prep.files.safe_read import shown
 
 _MAGIC = b"glTF"
 _JSON_CHUNK, _BINARY_CHUNK = 0x4E4F534A, 0x004E4942  # the kinds of chunks of a GLB
-# The extensions that a file may require, as they are read, or change neither shape nor base colour.
-# Those of other materials (KHR_materials_clearcoat ...) change neither.
+# The extensions that a file may require: they are read, or change neither shape nor base colour. So
+# do all whose names begin with KHR_materials_.
 _KNOWN = {
     "EXT_mesh_gpu_instancing",
     "EXT_texture_webp",
@@ -60,7 +60,9 @@ class GltfFile:
         if data[:4] == _MAGIC:
             data = self._chunks(data)
         try:
-            self.tree: dict[str, Any] = json.loads(data.rstrip(b"\0"))  # some pad so, not by blanks
+            self.tree: dict[str, Any] = json.loads(
+                data.rstrip(b"\0")
+            )  # some pad with zeros, not blanks
         except (ValueError, RecursionError) as error:
             raise NotAMesh(f"no JSON ({type(error).__name__}); fetch it again") from error
         if not isinstance(self.tree, dict):
@@ -131,7 +133,9 @@ class GltfFile:
     def _read_buffer(self, index: int) -> bytes:
         buffer = self.element("buffers", index)
         name = resource_name(buffer.get("uri"))
-        data = self.resource(name) if name is not None else self._binary if index == 0 else None
+        data = self._binary if index == 0 else None  # the GLB's own part is the first buffer
+        if name is not None:
+            data = self.resource(name)
         if data is None and name is None:
             raise NotAMesh(f"its buffer {index} is in no file; write the file again")
         if data is None:

@@ -63,7 +63,9 @@ class GltfMaterials:
             if colors.dtype.kind in "iu":  # its writer has forgotten `normalized`
                 colors = colors / float(np.iinfo(colors.dtype).max)
             if len(colors) != vertex_count:
-                self._notes.append(f"{len(colors)} colours of {vertex_count} vertices")
+                self._notes.append(
+                    f"{len(colors)} colours for {vertex_count} vertices are left out"
+                )
             else:
                 linear = colors[faces].mean(axis=1) * (1.0 if linear is None else linear)
         return grey_faces(len(faces)) if linear is None else _srgb(linear)
@@ -95,8 +97,10 @@ class GltfMaterials:
         of_file = self._file.element("textures", texture["index"])
         source = of_file.get("extensions", {}).get(_WEBP, of_file).get("source")
         if source is None or f"TEXCOORD_{number}" not in attributes:
-            lacking = "image that can be read" if source is None else f"places TEXCOORD_{number}"
-            self._notes.append(f"a texture without {lacking}")
+            lost = "a texture has no image that can be read"
+            if source is not None:
+                lost = f"a texture is left out: the vertices have no TEXCOORD_{number}"
+            self._notes.append(lost)
             return None
         name = resource_name(self._file.element("images", source).get("uri"))
         pixels = self._textures.pixels(name or f"images[{source}]")
@@ -127,12 +131,14 @@ def _transformed(places: NDArray[np.float64], transform: dict[str, Any]) -> NDAr
     return scaled @ turn.T + np.array(transform.get("offset", (0.0, 0.0)))
 
 
-def _wrapped(places: NDArray[np.float64], way: int | None, pixels: int) -> NDArray[np.float64]:
+def _wrapped(
+    places: NDArray[np.float64], wrap_mode: int | None, pixel_count: int
+) -> NDArray[np.float64]:
     """Return places along an axis of a texture as its sampler takes those beyond 0 to 1."""
-    if way == _CLAMPED:
-        half = 0.5 / pixels
+    if wrap_mode == _CLAMPED:
+        half = 0.5 / pixel_count
         return np.clip(places, half, 1 - half)
-    if way == _MIRRORED:
+    if wrap_mode == _MIRRORED:
         period = np.mod(places, 2.0)
         return np.where(period > 1, 2.0 - period, period)
     return places

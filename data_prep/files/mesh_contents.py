@@ -19,8 +19,8 @@ class MeshContents:
     vertices     float64 array [V, 3]
     faces        int64 array [F, 3]: the vertices of each triangle
     face_colors  uint8 array [F, 3]: red, green and blue; neutral grey where the file has none
-    notes        lines for the user on what the file names and what could not be read, such as "the
-                 texture 'wood.png' is not there"
+    notes        lines for the user on what the file names but could not be found or read, such as
+                 "the texture 'wood.png' is not there"
     """
 
     vertices: NDArray[np.float64]
@@ -42,5 +42,5 @@ def grey_faces(count: int) -> FaceColors:
 
 
 def corner_means(colors: NDArray[np.uint8], faces: NDArray[np.int64]) -> FaceColors:
-    """Return the colour of each face from those of the vertices: the mean of its three, cut."""
+    """Return for each face the mean of the colours of its three vertices, rounded down."""
     return (colors[faces].astype(np.uint16).sum(axis=1) // 3).astype(np.uint8)

@@ -3,7 +3,7 @@
 No library is used: trimesh leaves out triangle fans and instances, does not scale normalised
 integers, and takes linear colours for sRGB.
 
-Drawn is what the scene shows before any animation: nodes with their transforms, instances
+The mesh is what the scene shows before any animation: nodes with their transforms, instances
 (EXT_mesh_gpu_instancing), the default weights of morph targets, and skins in the pose of their
 joints.
 """
@@ -25,7 +25,7 @@ from data_prep.files.polygons import triangles_of_strips
 _TRIANGLES, _STRIP, _FAN = 4, 5, 6  # the modes of primitives that have faces
 _INSTANCES = "EXT_mesh_gpu_instancing"
 _VISIBILITY = "KHR_node_visibility"
-_MOST_JOINTS = 8  # sets of four joints that a vertex may have, JOINTS_0 and so on
+_MOST_JOINT_SETS = 8  # sets of four joints that a vertex may have, JOINTS_0 and so on
 
 
 class _Primitive(NamedTuple):
@@ -55,7 +55,7 @@ def read_gltf(data: bytes, resources: MeshResources, most_faces: int) -> MeshCon
     file = GltfFile(data, resources)
     materials = GltfMaterials(file)
     places, elsewhere = _places(file)
-    vertices, faces, colors = [np.empty((0, 3))], [np.empty((0, 3), np.int64)], []
+    vertices, faces = [np.empty((0, 3))], [np.empty((0, 3), np.int64)]
     colors = [np.empty((0, 3), np.uint8)]
     meshes: dict[tuple[int, tuple[float, ...]], list[_Primitive]] = {}
     count = face_count = corner_count = 0
@@ -217,16 +217,18 @@ def _skinned(
         matrices = matrices @ inverse[: len(joints)].transpose(0, 2, 1)  # stored by columns
     blended = np.zeros((len(part.vertices), 4, 4))
     total = np.zeros(len(part.vertices))
-    for number in range(_MOST_JOINTS):
+    for number in range(_MOST_JOINT_SETS):
         if f"JOINTS_{number}" not in part.attributes:
             break
         rows = file.numbers(part.attributes[f"JOINTS_{number}"]).astype(np.int64)
         weights = file.numbers(part.attributes[f"WEIGHTS_{number}"]).astype(np.float64)
         if rows.size and rows.max() >= len(joints):
-            raise NotAMesh(f"a vertex has joint {rows.max()}, of {len(joints)}; write it again")
+            raise NotAMesh(
+                f"a vertex has the joint {rows.max()}, the skin has {len(joints)}; write it again"
+            )
         for column in range(rows.shape[1]):
             blended += weights[:, column, None, None] * matrices[rows[:, column]]
             total += weights[:, column]
     blended /= np.where(total > 0, total, 1.0)[:, None, None]  # weights are to sum up to 1
-    places_of = np.concatenate([part.vertices, np.ones((len(part.vertices), 1))], axis=1)
-    return np.einsum("vij,vj->vi", blended, places_of)[:, :3]
+    homogeneous = np.concatenate([part.vertices, np.ones((len(part.vertices), 1))], axis=1)
+    return np.einsum("vij,vj->vi", blended, homogeneous)[:, :3]

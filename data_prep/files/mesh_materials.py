@@ -4,7 +4,6 @@ from __future__ import annotations
 
 import json
 import re
-import shlex
 from collections.abc import Callable
 from dataclasses import dataclass
 
@@ -18,6 +17,7 @@ _OPTIONS = {
 _OF_NUMBERS = ("-o", "-s", "-t", "-mm")  # these may have fewer values than the most
 _COMMENT = re.compile(r"\s#.*")  # behind a value: a # in a name is a part of it
 _ROUNDING = 1e-3  # how far beyond 0 to 1 a colour may be by the rounding of its writer
+_WORD = re.compile(r'"[^"]*"|\S+')  # a name in quotes may have spaces
 _NUMBER = re.compile(r"[+-]?(?:[0-9]+\.?[0-9]*|\.[0-9]+)(?:[eE][+-]?[0-9]+)?")
 
 
@@ -48,12 +48,9 @@ def library_names(text: str, find: Callable[[str], object]) -> list[str]:
     text = text.strip()
     if find(text):
         return [text]
-    quoted = '"' in text
-    words = shlex.split(text.replace("\\", "/")) if text.count('"') % 2 == 0 and quoted else None
-    words = words or text.split()
-    if not quoted and sum(word.lower().endswith(".mtl") for word in words) < 2:
-        return [text]
-    return words
+    words = [match[0].strip('"') for match in _WORD.finditer(text)]
+    libraries = [word for word in words if word.lower().endswith(".mtl")]
+    return words if '"' in text or len(libraries) > 1 else [text]
 
 
 def read_materials(data: bytes) -> dict[str, Material]:

@@ -8,7 +8,7 @@ by one spelling of their names alone; pymeshlab ends the process on some files.
 from __future__ import annotations
 
 import re
-from collections.abc import Sequence
+from collections.abc import Iterator, Sequence
 from contextlib import suppress
 from dataclasses import dataclass, field
 
@@ -36,10 +36,9 @@ from data_prep.files.text_numbers import numbers_in
 from data_prep.files.textures import TextureReader, colors_at, from_below
 
 _COMMENT = re.compile(r"(?:^|(?<=\s))#.*")  # 1.#IND of Windows is none
-_OF_NUMBERS = re.compile(r"\s*(?:v|vt|vn|vp|f|fo|l|p)\s", re.IGNORECASE)
+_ROW_OF_NUMBERS = re.compile(r"\s*(?:v|vt|vn|vp|f|fo|l|p)\s", re.IGNORECASE)
 # Lines that may have a comment: in a name, as in "Material #25", a # is a part of it.
-_COMMENTED = re.compile(rf"\s*#|{_OF_NUMBERS.pattern}", re.IGNORECASE)
-_KEYWORDS = ("v", "vt", "f", "fo", "usemtl", "mtllib")
+_MAY_HAVE_COMMENT = re.compile(rf"\s*#|{_ROW_OF_NUMBERS.pattern}", re.IGNORECASE)
 _CORNER = re.compile(r"(-?[0-9]+)(?:/(-?[0-9]+)?(?:/-?[0-9]*)?)?")
 _DECIMAL_COMMA = re.compile(r"[+-]?[0-9]*,[0-9]+(?:[eE][+-]?[0-9]+)?")
 _FREE_FORMS = ("curv", "curv2", "surf")  # keywords of curves and surfaces that are no polygons
@@ -102,18 +101,9 @@ def read_obj(data: bytes, resources: MeshResources) -> MeshContents:
 def _sorted_lines(data: bytes) -> _Lines:
     text = decoded(data).replace("\t", " ")
     lines = _Lines()
-    begun = ""  # a line that ends with a backslash goes on in the next one
-    for number, line in enumerate((text + "\n").split("\n"), 1):
-        if "#" in line and _COMMENTED.match(begun + line):
-            line = _COMMENT.sub("", line)
-        line, begun = begun + line, ""
-        if line.rstrip().endswith("\\"):
-            line = line.rstrip()[:-1]
-            # Numbers are apart; a name may be cut anywhere.
-            begun = f"{line} " if _OF_NUMBERS.match(line) else line
-            continue
+    for number, line in _joined_lines(text):
         keyword, _, rest = line.strip().partition(" ")
-        keyword = keyword if keyword in _KEYWORDS else keyword.lower()
+        keyword = keyword.lower()
         if keyword == "v":
             lines.vertices.append((number, rest))
         elif keyword in ("f", "fo"):  # `fo` is the name that old files have
@@ -130,6 +120,26 @@ def _sorted_lines(data: bytes) -> _Lines:
     return lines
 
 
+def _joined_lines(text: str) -> Iterator[tuple[int, str]]:
+    """Yield the lines without comments, each with the number of its last part.
+
+    A line that ends with a backslash goes on in the next one.
+    """
+    begun = ""
+    # The last line may end with a backslash, too: an empty one behind it ends it.
+    for number, line in enumerate((text + "\n").split("\n"), 1):
+        if "#" in line and _MAY_HAVE_COMMENT.match(begun + line):
+            line = _COMMENT.sub("", line)
+        whole = begun + line
+        if not whole.rstrip().endswith("\\"):
+            yield number, whole
+            begun = ""
+            continue
+        begun = whole.rstrip()[:-1]
+        if _ROW_OF_NUMBERS.match(begun):  # the break parts two numbers; a name may be cut anywhere
+            begun += " "
+
+
 def _vertices(
     rows: Sequence[tuple[int, str]],
 ) -> tuple[NDArray[np.float64], NDArray[np.uint8] | None, list[str]]:
@@ -143,7 +153,7 @@ def _vertices(
         )
     notes = []
     if width < 6 <= max(widths):
-        notes.append("some vertices have colours and others none: they are left out")
+        notes.append("only some vertices have colours; these colours are left out")
     table = numbers_in(" ".join(row for _, row in rows)) if width == max(widths) else None
     if table is None or table.size != width * len(rows):
         width = 6 if width >= 6 else 3
@@ -178,7 +188,7 @@ def _number(text: str, line: int) -> float:
 def _corners(
     rows: Sequence[tuple[int, int, int, str]], vertex_count: int, place_count: int
 ) -> tuple[NDArray[np.int64], NDArray[np.int64], NDArray[np.int64]]:
-    """Return the vertex and the place in the texture of each corner, and corners of each face.
+    """Return the vertex and the place in the texture of each corner, and the lengths of faces.
 
     The place is _NO_PLACE for a corner that has none, and _BEYOND for one that is not there.
     """
@@ -223,6 +233,10 @@ def _uniform_corners(
     text = " ".join(" ".join(row for *_, row in rows).split()) + " "
     if not count or "-" in text or not text.isascii():
         return None
+    if text.startswith("/") or " /" in text:  # a corner without a vertex
+        return None
+    # The marks behind the numbers of a corner, such as "/", "/" and " " for v/vt/vn, tell how it is
+    # written; those of all corners have to agree.
     marks = np.frombuffer(text.encode(), np.uint8)
     marks = marks[(marks == ord("/")) | (marks == ord(" "))]
     of_corner = int(np.flatnonzero(marks == ord(" "))[0]) + 1  # marks of the first corner
@@ -291,6 +305,7 @@ class _Paint:
         self._materials: dict[str, Material] = {}
         self._textures = TextureReader(resources.read)
         self._notes: list[str] = []
+        self._all_libraries_read = True
         read: set[str] = set()
         for text in libraries:
             for name in library_names(text, resources.find):
@@ -300,8 +315,9 @@ class _Paint:
                 data = resources.read(name)
                 if data is None:
                     self._notes.append(f"the materials {shown(name)} are not there")
+                    self._all_libraries_read = False
                 else:
-                    # Of two materials of one name the first counts.
+                    # Of two libraries with a material of one name the first counts.
                     self._materials = read_materials(data) | self._materials
 
     @property
@@ -326,7 +342,7 @@ class _Paint:
         for name, rows in triangles.items():
             material = self._materials.get(name) or in_any_case.get(name.casefold())
             if material is None:
-                if len(rows) and not self._notes:  # a library that is not there has a note already
+                if len(rows) and self._all_libraries_read:  # else the library has a note already
                     self._notes.append(f"the material {shown(name)} is in none of its libraries")
                 continue
             if diffuse:

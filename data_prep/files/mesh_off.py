@@ -5,7 +5,6 @@ No library is used: trimesh and meshio expect one row a line, and trimesh leaves
 
 from __future__ import annotations
 
-import json
 import re
 from collections.abc import Sequence
 from dataclasses import dataclass
@@ -20,6 +19,7 @@ from data_prep.files.mesh_contents import (
     corner_means,
     grey_faces,
 )
+from data_prep.files.mesh_materials import decoded
 from data_prep.files.polygons import triangles_of_polygons
 from data_prep.files.safe_read import shown
 from data_prep.files.text_numbers import numbers_in
@@ -61,16 +61,16 @@ def read_off(data: bytes) -> MeshContents:
     Raises NotAMesh for a file that is no OFF, whose counts do not agree with its numbers, or that
     has a vertex that is not there.
     """
-    text = _COMMENT.sub("", data.decode(json.detect_encoding(data[:4]), "replace"))
-    kind = _KIND.match(text.removeprefix("\ufeff"))
+    text = _COMMENT.sub("", decoded(data))
+    kind = _KIND.match(text)
     if kind is None:
         raise NotAMesh("does not begin with OFF; write the file again")
-    text = text.removeprefix("\ufeff")[kind.end() :]
+    text = text[kind.end() :]
     if text.startswith("BINARY"):
         raise NotAMesh("a binary OFF, and only those of text are read; save it as text, or as PLY")
     if kind[4]:
         raise NotAMesh("an OFF of four coordinates; give one of three")
-    before_colors = 3 + 3 * bool(kind[3])  # x, y and z, and a normal
+    before_colors = 6 if kind[3] else 3  # x, y and z, and a normal where N says so
     lines = [line for line in text.splitlines() if line.strip()]
     rows = _rows_of_lines(lines, before_colors, colored=bool(kind[2]))
     if rows is None:
@@ -112,26 +112,30 @@ def _rows_of_lines(lines: Sequence[str], before_colors: int, colored: bool) -> _
     if faces is None:
         return None
     corners, lengths, behind = faces
-    vertex_colors = face_colors = None
-    notes = []
     of_colors = [line.split()[before_colors:] for line in of_vertices] if colored else []
-    for name, rows in (("vertices", of_colors), ("faces", behind)):
-        if any(0 < len(row) < 3 for row in rows):
-            notes.append(f"colours of its {name} by their number in a list are left out")
-        if not any(len(row) >= 3 for row in rows):
-            continue
-        colors = _colors(rows)
-        if colors is None:
-            notes.append(f"the words behind its {name} are no colours")
-        elif name == "vertices":
-            vertex_colors = colors
-        else:
-            face_colors = colors
+    vertex_colors, notes = _colors_with_notes(of_colors, "vertices")
+    face_colors, of_face_colors = _colors_with_notes(behind, "faces")
+    notes += of_face_colors
     if of_vertices and not colored and len(of_vertices[0].split()) > before_colors:
         notes.append("further numbers of its vertices are not used, as its first word names none")
     if len(lines) > last:
         notes.append(f"{len(lines) - last} rows behind the last face are left out")
     return _Rows(vertices, vertex_colors, corners, lengths, face_colors, tuple(notes))
+
+
+def _colors_with_notes(
+    rows: Sequence[Sequence[str]], name: str
+) -> tuple[FaceColors | None, list[str]]:
+    """Return the colours [N, 3] of the words behind vertices or faces, and notes; None for none."""
+    notes = []
+    if any(0 < len(row) < 3 for row in rows):
+        notes.append(f"colours of its {name} by their number in a list are left out")
+    if not any(len(row) >= 3 for row in rows):
+        return None, notes
+    colors = _colors(rows)
+    if colors is None:
+        notes.append(f"the words behind its {name} are no colours, and are left out")
+    return colors, notes
 
 
 def _vertices(lines: Sequence[str], width: int) -> NDArray[np.float64] | None:
@@ -157,8 +161,8 @@ def _faces(
     has any.
     """
     flat = numbers_in(" ".join(lines), np.int64)
-    triangles = flat is not None and flat.size == 4 * len(lines) and bool((flat[::4] == 3).all())
-    if flat is not None and triangles and all(len(line.split()) == 4 for line in lines):
+    four_each = all(len(line.split()) == 4 for line in lines)
+    if flat is not None and flat.size == 4 * len(lines) and four_each and (flat[::4] == 3).all():
         return flat.reshape(-1, 4)[:, 1:].ravel(), np.full(len(lines), 3), []
     corners: list[int] = []
     lengths: list[int] = []
@@ -237,7 +241,7 @@ def _colors(rows: Sequence[Sequence[str]]) -> FaceColors | None:
     except ValueError:
         return None
     given = np.asarray(np.isfinite(numbers).all(axis=1))
-    has_points = any("." in word for row in rows for word in row)
+    has_points = any("." in word for row in rows for word in row[:3])
     fractions = has_points or float(numbers[given].max(initial=0.0)) <= 1
-    channels = np.clip(np.rint(numbers * (255 if fractions else 1)), 0, 255)
+    channels = np.clip(np.floor(numbers * (255 if fractions else 1) + 0.5), 0, 255)
     return np.where(given[:, None], channels, NEUTRAL_GREY).astype(np.uint8)

@@ -1,4 +1,4 @@
-"""The files that a mesh may refer to: materials, textures and buffers in its own folder only."""
+"""The files beside a mesh that it may refer to: materials, textures and buffers."""
 
 from __future__ import annotations
 

@@ -30,8 +30,9 @@ def read_stl(data: bytes) -> MeshContents:
     claimed = int.from_bytes(data[80:_HEADER_BYTES], "little")
     size = _HEADER_BYTES + claimed * _FACET.itemsize
     # A binary file may begin with "solid", too, and then its size tells.
-    is_text = data.lstrip()[:5].lower() == b"solid" or b"facet" in data[:1000]
-    if is_text and len(data) != size and not (b"\0" in data and not _BEGIN_BYTES.search(data)):
+    begins_as_text = data.lstrip()[:5].lower() == b"solid" or b"facet" in data[:1000]
+    has_binary = b"\0" in data and not _BEGIN_BYTES.search(data)
+    if begins_as_text and len(data) != size and not has_binary:
         return _read_text(data)
     if len(data) < size or len(data) < _HEADER_BYTES:
         raise NotAMesh(
@@ -45,7 +46,9 @@ def read_stl(data: bytes) -> MeshContents:
     notes = [f"{more} bytes behind the last triangle are left out"] if more else []
     colors = _colors(data[:80], facets["attribute"])
     if colors is None and (facets["attribute"] >> 15).any():
-        notes.append("what may be its colours is left out: only those of Magics (COLOR=) are read")
+        notes.append(
+            "its triangles may have colours that are not read: only those of Magics (COLOR=) are"
+        )
     colors = grey_faces(len(faces)) if colors is None else colors
     return MeshContents(vertices, faces, colors, tuple(notes))
 

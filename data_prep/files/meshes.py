@@ -15,10 +15,16 @@ from data_prep.clouds.normalise import normalise
 from data_prep.clouds.orientations import OURS, Orientation
 from data_prep.clouds.sampling import face_areas
 from data_prep.failures import BadInput, NoFaces
-from data_prep.files.cloud_contents import NotACloud
+from data_prep.files.cloud_contents import CloudContents, NotACloud
 from data_prep.files.cloud_ply import read_ply
 from data_prep.files.file_kinds import START_BYTES, mismatch
-from data_prep.files.mesh_contents import MeshContents, NotAMesh, corner_means, grey_faces
+from data_prep.files.mesh_contents import (
+    FaceColors,
+    MeshContents,
+    NotAMesh,
+    corner_means,
+    grey_faces,
+)
 from data_prep.files.mesh_gltf import read_gltf
 from data_prep.files.mesh_obj import read_obj
 from data_prep.files.mesh_off import read_off
@@ -33,7 +39,9 @@ from data_prep.scene import Mesh
 LOADER_VERSION = 2
 # The most bytes of a file, and of its resources together.
 MOST_BYTES = 2**30
-MOST_FACES = 50_000_000  # the most faces of a mesh, where each instance of a part counts
+# The most faces, and the most vertices, of a glTF, where each instance counts: a few bytes can ask
+# for any number of them. Other formats are bounded by MOST_BYTES.
+MOST_FACES = 50_000_000
 
 
 @np.errstate(all="ignore")  # a value beyond float32 is refused as not finite
@@ -76,7 +84,7 @@ def read_mesh(path: Path, within: Path | None = None) -> Mesh:
 def read_contents(path: Path, within: Path | None = None) -> MeshContents:
     """Return the contents of a file as `read_mesh` does, before they are rounded to float32.
 
-    They have notes on what the file names and what could not be read.
+    They have notes on what the file names but could not be found or read.
     """
     if path.suffix.lower() not in SUFFIXES:
         raise BadInput(f"{path}: no mesh by its name; use one of {', '.join(SUFFIXES)}")
@@ -118,20 +126,28 @@ def _read_ply(data: bytes, resources: MeshResources) -> MeshContents:
         colors = corner_means(read.colors, faces)
     if read.face_colors is not None:
         colors = read.face_colors
+    notes = [*read.notes, *_paint_textures(read, colors, resources)]
+    return MeshContents(read.points, faces, colors, tuple(notes))
+
+
+def _paint_textures(read: CloudContents, colors: FaceColors, resources: MeshResources) -> list[str]:
+    """Give the faces of a PLY the colours of its textures, in place, and return notes."""
+    if read.texture_places is None:
+        return []
     textures = TextureReader(resources.read)
-    if read.texture_places is not None:
-        middles = from_below(read.texture_places.mean(axis=1))
-        numbers = read.texture_of_face
-        for number, name in enumerate(read.textures):
-            rows = np.arange(len(faces)) if numbers is None else np.flatnonzero(numbers == number)
-            pixels = (
-                textures.pixels(name)
-                if len(rows) and (number == 0 or numbers is not None)
-                else None
-            )
-            if pixels is not None:
-                colors[rows] = colors_at(pixels, middles[rows])
-    return MeshContents(read.points, faces, colors, (*read.notes, *textures.notes))
+    middles = from_below(read.texture_places.mean(axis=1))
+    numbers = read.texture_of_face
+    if numbers is None:
+        numbers = np.zeros(len(middles), np.int64)
+    for number, name in enumerate(read.textures):
+        rows = np.flatnonzero(numbers == number)
+        pixels = textures.pixels(name) if len(rows) else None
+        if pixels is not None:
+            colors[rows] = colors_at(pixels, middles[rows])
+    notes = list(textures.notes)
+    if read.texture_of_face is None and len(read.textures) > 1:
+        notes.append(f"only the first of its {len(read.textures)} textures is used")
+    return notes
 
 
 _READERS: Mapping[str, Callable[[bytes, MeshResources], MeshContents]] = {

@@ -89,7 +89,8 @@ def _reflex_corners(
 ) -> NDArray[np.int64]:
     """Return the corner [P] that turns most against the sense of its polygon, -1 for none.
 
-    A polygon of more than four corners two of which coincide counts as turning at its first one.
+    A polygon of more than four corners counts as turning at its first one where two neighbouring
+    corners coincide.
     """
     reflex = np.full(len(lengths), -1)
     for length in np.unique(lengths[lengths > 3]):

@@ -14,6 +14,8 @@ def numbers_in(text: str, dtype: type = np.float64) -> NDArray[Any] | None:
 
     A reader then goes through its lines to name the one that is wrong.
     """
+    if not text.strip():  # which NumPy takes for one number, -1
+        return np.empty(0, dtype)
     with warnings.catch_warnings():
         warnings.simplefilter("error")  # NumPy warns and stops where it finds no number
         try:

@@ -25,7 +25,7 @@ class TooLarge(BadInput):
     """A texture of too many pixels."""
 
 
-def _decoded(data: bytes) -> NDArray[np.uint8] | None:
+def _pixels_of(data: bytes) -> NDArray[np.uint8] | None:
     """Return the pixels uint8 [H, W, 3] of a picture; None for bytes that are no picture.
 
     Raises TooLarge for a picture of more than MOST_PIXELS.
@@ -73,7 +73,7 @@ class TextureReader:
         """
         if name not in self._pixels:
             data = self._read(name)
-            pixels = None if data is None else _decoded(data)
+            pixels = None if data is None else _pixels_of(data)
             self._pixels[name] = pixels
             self._count += 0 if pixels is None else pixels.shape[0] * pixels.shape[1]
             if self._count > MOST_PIXELS:
@@ -105,5 +105,8 @@ def colors_at(pixels: NDArray[np.uint8], places: NDArray[np.float64]) -> FaceCol
 
 
 def from_below(places: NDArray[np.float64]) -> NDArray[np.float64]:
-    """Return places [N, 2] that count upwards from the lower left corner, as `colors_at` does."""
+    """Return places [N, 2] as `colors_at` takes them.
+
+    places  float64 [N, 2], counted to the right and upwards from the lower left corner
+    """
     return np.stack([places[:, 0], 1.0 - places[:, 1]], axis=1)

@@ -1,4 +1,4 @@
-"""What columns of numbers are that no line names."""
+"""Guesses at columns that no line names: poses, times and colours."""
 
 from __future__ import annotations
 
@@ -67,6 +67,6 @@ def _are_units(vectors: NDArray[np.float64]) -> bool:
 
 
 def _are_rotations(matrices: NDArray[np.float64]) -> bool:
-    """Return whether the rows of matrices [N, 3, 3] have the length 1 and a right angle."""
+    """Return whether the rows of matrices [N, 3, 3] are unit vectors at right angles."""
     products = matrices @ matrices.transpose(0, 2, 1)
     return bool((np.abs(products - np.eye(3)) < _UNIT).all())

@@ -82,8 +82,8 @@ def test_a_note_that_files_share_is_one_line(command, plugins, tmp_path):
     guess = "(x, y and z are the first 3, as no first line names them)"
     rest = f"{guess} are not used; only the coordinates of its points are"
     assert notes == [
-        f"note: {tmp_path}/a.xyz and 1 more: 3 of its 6 columns {guess}; three others are drawn as "
-        "colours, --colour grey leaves them out",
+        f"note: {tmp_path}/a.xyz and 1 more: 3 of its 6 columns {guess}; its colours are a guess, "
+        "too, which --colour grey leaves out",
         f"note: {tmp_path}/a.xyz and 1 more: fake-healthy: draws in colours of its own; those of "
         "the points are not used",
         f"note: {tmp_path}/c.xyz: 1 of its 4 columns {rest}",

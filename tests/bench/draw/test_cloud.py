@@ -126,7 +126,7 @@ def test_colours_of_a_file_are_drawn_as_discs(command, refused, tmp_path):
     options = ("--drop-invalid", "--points", "100", "-o", out)
     coloured = ("render", path, "--method", "splat", *options)
     guess = f"note: {path}: 3 of its 6 columns (x, y and z are the first 3, as no first line names "
-    guess += "them); three others are drawn as colours, --colour grey leaves them out\n"
+    guess += "them); its colours are a guess, too, which --colour grey leaves out\n"
     note = f"note: {path}: 1 of 300 points are left out, they are not finite\n"
     assert command(*coloured) == (0, f"{out}\n", guess + note)
     cloud = CloudFile(path, as_is=False, most=100, drop_invalid=True).load()

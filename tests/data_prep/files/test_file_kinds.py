@@ -87,8 +87,8 @@ POINTER = "a Git LFS pointer, which stands for the file; fetch it with 'git lfs 
             "a glTF 1.0, which is not read; convert it to glTF 2.0",
         ),
         (b'{"points": [[1, 2, 3]]}', ".txt", "JSON by its contents; export it as .txt"),
-        (b"[[1, 2, 3]]", ".txt", "JSON or NumPy's print; export it as .txt"),
-        (b"[ 1.5  2. ]", ".csv", "JSON or NumPy's print; export it as .csv"),
+        (b"[[1, 2, 3]]", ".txt", "JSON, or an array as NumPy prints it; export it as .txt"),
+        (b"[ 1.5  2. ]", ".csv", "JSON, or an array as NumPy prints it; export it as .csv"),
         (b"", ".ply", "an empty file; fetch or write it again"),
     ],
 )

@@ -157,7 +157,7 @@ def test_the_first_material_of_a_name_counts(tmp_path: Path) -> None:
 @pytest.mark.parametrize(
     ("text", "note"),
     [
-        (V.replace("0 0 0", "0 0 0 1 0 0", 1) + "f 1 2 3\n", "some vertices have colours and"),
+        (V.replace("0 0 0", "0 0 0 1 0 0", 1) + "f 1 2 3\n", "only some vertices have colours"),
         (V.replace("\n", " -1 0 0\n") + "f 1 2 3\n", "drawn without colours of vertices: its col"),
         (V + "usemtl m\nf 1/7 2/7 3/7\n", "3 corners have places in a texture that are not there"),
     ],

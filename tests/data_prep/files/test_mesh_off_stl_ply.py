@@ -124,7 +124,7 @@ def test_colours_of_an_stl_by_materialise_magics(tmp_path: Path) -> None:
     content = facets(attributes=(31, 0xFC00), header=b"x")  # else nobody says what the bits are
     contents = read(tmp_path, "a.stl", content)
     assert contents.face_colors.tolist() == [GREY, GREY]
-    assert contents.notes[0].startswith("what may be its colours is left out")
+    assert contents.notes[0].startswith("its triangles may have colours that are not read")
 
 
 @pytest.mark.parametrize(
