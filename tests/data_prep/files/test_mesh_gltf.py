@@ -13,6 +13,9 @@ import pytest
 from PIL import Image
 
 from data_prep.failures import BadInput
+from data_prep.files.mesh_contents import NotAMesh
+from data_prep.files.mesh_gltf import read_gltf
+from data_prep.files.mesh_resources import MeshResources
 from data_prep.files.meshes import read_contents
 from data_prep.scene import NEUTRAL_GREY
 from tests.data_prep.dataset_trees import gltf_binary
@@ -168,12 +171,24 @@ def matrix(*shift: float) -> list[float]:
             {(2, 0, 0), (4, 0, 0), (0, 0, 8), (2, 0, 8)},
         ),
         ([{"mesh": 0}, {"mesh": 0, "translation": [9, 9, 9]}], {(0, 0, 0), (1, 0, 0)}),
+        ([{"mesh": 0, "rotation": [0, 0, 0, 0]}], {(0, 0, 0), (1, 0, 0)}),
+        (  # a turn by which x becomes y, y becomes z, and z becomes x
+            [{"children": [1], "rotation": [0.5, 0.5, 0.5, 0.5]},
+             {"mesh": 0, "translation": [1, 2, 3]}],
+            {(3, 1, 2), (3, 2, 2)},
+        ),
     ],
 )  # fmt: skip
 def test_nodes_of_the_default_scene(tmp_path: Path, nodes, places: set) -> None:
     contents = one_square(nodes=nodes).read(tmp_path)
     first_edges = contents.vertices.reshape(-1, 4, 3)[:, :2].reshape(-1, 3)
     assert {tuple(np.round(p, 6).tolist()) for p in first_edges} == places
+
+
+def test_the_default_scene_need_not_be_the_first(tmp_path: Path) -> None:
+    nodes = [{"mesh": 0}, {"mesh": 0, "translation": [0, 0, 7]}]
+    contents = one_square(scene=1, scenes=[{"nodes": [0]}, {"nodes": [1]}], nodes=nodes)
+    assert contents.read(tmp_path).vertices[:, 2].tolist() == [7] * 4
 
 
 def test_without_scenes_all_roots_are_drawn(tmp_path: Path) -> None:
@@ -202,6 +217,21 @@ def test_instances(tmp_path: Path) -> None:
     np.testing.assert_allclose(ends, [[2, 0, 0], [1, 2, 5]], rtol=0, atol=1e-12)
 
 
+@pytest.mark.parametrize("corners", [[0, 1, 2] * 4, [0, 1, 3]])  # 4 faces; 4 vertices
+def test_a_mesh_has_a_limit_of_faces_and_of_vertices(tmp_path: Path, corners: list) -> None:
+    gltf = Gltf()
+    points, indices = gltf.array(CORNERS[: max(corners) + 1]), gltf.array(corners, "u1")
+    gltf.mesh({"attributes": {"POSITION": points}, "indices": indices})
+    attributes = {"TRANSLATION": gltf.array([[0, 0, 0], [0, 0, 5]])}
+    extension = {"EXT_mesh_gpu_instancing": {"attributes": attributes}}
+    gltf.tree["nodes"] = [{"mesh": 0, "extensions": extension}]
+    expected = gltf.read(tmp_path).faces
+    data, resources = (tmp_path / "a.glb").read_bytes(), MeshResources(tmp_path, 0)
+    np.testing.assert_array_equal(read_gltf(data, resources, most_faces=8).faces, expected)
+    with pytest.raises(NotAMesh, match="more than 7 faces"):
+        read_gltf(data, resources, most_faces=7)
+
+
 def test_default_weights_of_morph_targets(tmp_path: Path) -> None:
     for weights, node_weights, expected in (([0.5, 2], None, 2.5), ([1, 1], [0, 3], 3.0)):
         gltf = Gltf()
@@ -209,6 +239,8 @@ def test_default_weights_of_morph_targets(tmp_path: Path) -> None:
         gltf.mesh(square(gltf, targets=targets), weights=weights)
         gltf.tree["nodes"] = [{"mesh": 0} | ({"weights": node_weights} if node_weights else {})]
         assert set(gltf.read(tmp_path).vertices[:, 2]) == {expected}
+    gltf.tree |= {"nodes": [{"mesh": 0}, *gltf.tree["nodes"]], "scenes": [{"nodes": [0, 1]}]}
+    assert gltf.read(tmp_path).vertices[:, 2].tolist() == [2.0] * 4 + [3.0] * 4
 
 
 def test_skins_stand_where_their_joints_do(tmp_path: Path) -> None:
@@ -228,17 +260,23 @@ def test_skins_stand_where_their_joints_do(tmp_path: Path) -> None:
     weights = [[1, 0, 0, 0], [0, 1, 0, 0], [0.5, 0.5, 0, 0], [0.25, 0.25, 0, 0]]
     part = square(gltf)
     part["attributes"] |= {"JOINTS_0": joints, "WEIGHTS_0": gltf.array(weights)}
+    more = gltf.array([[0, 0, 0, 0]] * 3 + [[0.25, 0, 0, 0]])
+    part["attributes"] |= {"JOINTS_1": gltf.array([[0] * 4] * 4, "u2"), "WEIGHTS_1": more}
     vertices = gltf.mesh(part).read(tmp_path).vertices
     # Joint 0 moves by (0, 10, 0), joint 1 by (0, 10, 4) after its inverse (0, 0, -1).
-    shifts = [[0, 10, 0], [0, 10, 3], [0, 10, 1.5], [0, 10, 1.5]]
+    shifts = [[0, 10, 0], [0, 10, 3], [0, 10, 1.5], [0, 10, 1]]  # the last one by 2/3 and 1/3
     np.testing.assert_allclose(vertices, CORNERS + shifts, rtol=0, atol=1e-12)
+    gltf.tree["skins"][0]["joints"] = [1]
+    with pytest.raises(BadInput, match="a vertex has joint 1, of 1"):
+        gltf.read(tmp_path)
 
 
 def checkers() -> bytes:
-    """A texture whose left half is red and whose right half is blue; its lower rows are darker."""
-    image = Image.new("RGB", (4, 4), tuple(RED))
-    image.paste(tuple(BLUE), (2, 0, 4, 4))
-    image.paste((128, 0, 0), (0, 2, 2, 4))
+    """A texture of red left and blue right; left it is darker below, and its upper edge green."""
+    image = Image.new("RGB", (16, 4), tuple(RED))
+    image.paste(tuple(BLUE), (8, 0, 16, 4))
+    image.paste((128, 0, 0), (0, 2, 8, 4))
+    image.paste((0, 255, 0), (0, 0, 1, 2))
     file = io.BytesIO()
     image.save(file, "PNG")
     return file.getvalue()
@@ -254,6 +292,7 @@ DARK = [128, 0, 0]
         ({"pbrMetallicRoughness": {"baseColorFactor": [LINEAR, 0, 1, 0.5]}}, [128, 0, 255]),
         ({"pbrMetallicRoughness": {"baseColorFactor": [0.001, 5, -1, 1]}}, [3, 255, 0]),
         ({"pbrMetallicRoughness": {"baseColorTexture": {"index": 0}}}, RED),
+        ({"pbrMetallicRoughness": {"baseColorTexture": {"index": 1}}}, RED),  # its WebP
         (
             {"pbrMetallicRoughness": {"baseColorTexture": {"index": 0},
                                       "baseColorFactor": [LINEAR, 1, 1, 1]}},
@@ -274,8 +313,9 @@ DARK = [128, 0, 0]
     ],
 )  # fmt: skip
 def test_materials(tmp_path: Path, material: dict | None, expected: list) -> None:
-    gltf = Gltf(textures=[{"source": 0}])
-    gltf.tree["images"] = [{"bufferView": gltf.view(checkers()), "mimeType": "image/png"}]
+    webp = {"EXT_texture_webp": {"source": 0}}
+    gltf = Gltf(textures=[{"source": 0}, {"source": 1, "extensions": webp}])
+    gltf.tree["images"] = [{"bufferView": gltf.view(checkers())}, {"uri": "gone.png"}]
     part = square(gltf, **({} if material is None else {"material": 0}))
     part["attributes"]["TEXCOORD_0"] = gltf.array([[0.2, 0.2]] * 4)
     part["attributes"]["TEXCOORD_1"] = gltf.array([[0.8, 0.2]] * 4)
@@ -291,6 +331,9 @@ def test_materials(tmp_path: Path, material: dict | None, expected: list) -> Non
         ((0.2, 0.8), {}, {}, DARK),  # counted from the top
         ((1.2, -0.2), {}, {}, DARK),  # repeated
         ((1.2, 0.2), {}, {"wrapS": 33071}, BLUE),  # clamped to the right edge
+        ((-0.3, 0.2), {}, {"wrapS": 33071}, [0, 255, 0]),
+        ((0.2, 1.2), {}, {"wrapT": 33071}, DARK),
+        ((np.nan, np.inf), {}, {}, [0, 255, 0]),  # counts as the upper left corner
         ((-0.8, 0.2), {}, {"wrapS": 33648}, BLUE),  # mirrored: .8
         ((0.2, 0.2), {"offset": [0.5, 0]}, {}, BLUE),
         ((0.2, 0.2), {"scale": [4, 1]}, {}, BLUE),
@@ -302,7 +345,7 @@ def test_materials(tmp_path: Path, material: dict | None, expected: list) -> Non
 def test_places_in_textures(tmp_path: Path, place, transform, sampler, expected) -> None:
     gltf = Gltf(samplers=[sampler], textures=[{"source": 0, "sampler": 0}])
     gltf.tree["images"] = [{"bufferView": gltf.view(checkers()), "mimeType": "image/png"}]
-    texture = {"index": 0, "extensions": {"KHR_texture_transform": transform}}
+    texture = {"index": 0, "texCoord": 0, "extensions": {"KHR_texture_transform": transform}}
     gltf.tree["materials"] = [{"pbrMetallicRoughness": {"baseColorTexture": texture}}]
     part = square(gltf, material=0)
     part["attributes"]["TEXCOORD_0"] = gltf.array([place] * 4)
@@ -325,6 +368,10 @@ def test_colours_of_vertices_are_linear_and_multiply_the_material(
         # 1/3 linear is 156 in sRGB, a third of .21586 is 76.
         read = gltf.mesh(part).read(tmp_path).face_colors
         assert read.tolist() == [[red, 0, 0] for red in expected]
+    gltf = Gltf()
+    part = square(gltf)  # of four vertices
+    part["attributes"]["COLOR_0"] = gltf.array([[full, 0, 0]] * 5, kind, normalized=kind != "f4")
+    assert gltf.mesh(part).read(tmp_path).face_colors.tolist() == [GREY] * 2
 
 
 @pytest.mark.parametrize(
@@ -359,13 +406,50 @@ def test_textures_that_are_lost_are_named(tmp_path: Path, images: list, note: st
         ({"nodes": [{"mesh": 4}]}, r"it has no meshes[4], which it refers to"),
         ({"nodes": [{"mesh": "0"}]}, r"it has no meshes[0], which it refers to"),
         ({"scenes": [{"nodes": []}]}, "the mesh has no faces"),
+        (  # accessors without numbers: 9, and as many that 2**24 are exceeded by one
+            {"accessors": [{"componentType": 5126, "count": 3, "type": "VEC3"},
+                           {"componentType": 5121, "count": 2**24 - 8, "type": "SCALAR"}],
+             "meshes": [{"primitives": [{"attributes": {"POSITION": 0}, "indices": 1}]}]},
+            "its accessors leave out 16777217 numbers, at most 16777216 are filled in",
+        ),
     ],
-)
+)  # fmt: skip
 def test_what_is_refused(tmp_path: Path, tree: dict, problem: str) -> None:
     with pytest.raises(BadInput) as failure:
         one_square(**tree).read(tmp_path)
     assert str(failure.value).startswith(f"{tmp_path / 'a.glb'}: ")
     assert problem in str(failure.value)
+
+
+SPARSE = {"bufferView": 0, "byteOffset": 10, "componentType": 5123}  # the last index, which is 3
+
+
+@pytest.mark.parametrize(
+    ("kind", "changes", "problem"),
+    [
+        ("bufferViews", {"byteLength": 49}, "its bufferViews[1] reaches beyond its buffer"),
+        ("bufferViews", {"byteOffset": -4}, "its bufferViews[1] reaches beyond its buffer"),
+        ("accessors", {"count": 5}, "5 elements needs 60 bytes, and its view has 48"),
+        (
+            "accessors",
+            {"count": 3, "sparse": {"count": 1, "indices": SPARSE, "values": {"bufferView": 1}}},
+            "its accessors[1] is sparse beyond its end",
+        ),
+    ],
+)
+def test_places_beyond_the_end(tmp_path: Path, kind: str, changes: dict, problem: str) -> None:
+    gltf = one_square()
+    gltf.tree[kind][1] |= changes
+    with pytest.raises(BadInput) as failure:
+        gltf.read(tmp_path)
+    assert problem in str(failure.value)
+
+
+def test_of_several_binary_chunks_the_first_counts(tmp_path: Path) -> None:
+    vertices = one_square().read(tmp_path).vertices
+    path = tmp_path / "a.glb"
+    path.write_bytes(path.read_bytes() + b"\x3c\0\0\0BIN\0" + bytes(60))
+    np.testing.assert_array_equal(read_contents(path).vertices, vertices)
 
 
 def test_extensions_of_materials_alone_are_no_obstacle(tmp_path: Path) -> None:

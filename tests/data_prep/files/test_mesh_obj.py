@@ -76,6 +76,25 @@ def test_materials_are_found_as_people_name_them(tmp_path: Path, library: str, n
     assert contents.face_colors.tolist() == [RED, BLUE]
 
 
+def test_several_libraries(tmp_path: Path) -> None:
+    files = {"a_mtl": KD.partition("newmtl blue")[0], "b_mtl": "newmtl blue\nKd 0 0 1\n"}
+    libraries = "mtllib a.mtl\nmtllib b.mtl\nmtllib my own.mtl\n"
+    contents = read(tmp_path, f"{libraries}{V}{TWO}", **files)
+    assert contents.face_colors.tolist() == [RED, BLUE]
+    assert contents.notes == ("the materials 'my own.mtl' are not there",)
+
+
+@pytest.mark.parametrize("name", ["../a.mtl", "{}/a.mtl", "link.mtl"])
+def test_materials_outside_the_folder_are_not_read(tmp_path: Path, name: str) -> None:
+    (tmp_path / "a.mtl").write_text(KD)
+    folder = tmp_path / "mesh"
+    folder.mkdir()
+    (folder / "link.mtl").symlink_to(tmp_path / "a.mtl")
+    contents = read(folder, f"mtllib {name.format(tmp_path)}\n{V}{TWO}")
+    assert contents.face_colors.tolist() == [GREY, GREY]
+    assert "are not there" in contents.notes[0]
+
+
 @pytest.mark.parametrize(
     ("obj", "mtl", "colors", "note"),
     [
@@ -103,6 +122,11 @@ def test_materials_are_found_as_people_name_them(tmp_path: Path, library: str, n
             None,
         ),
         ("USEMTL red\nF 1 2 3\n", KD, [RED], None),
+        (TWO, "newmtl red\nKd 1 \\\n0 0\nnewmtl blue\nKd 0 0 \\\r\n1\n", [RED, BLUE], None),
+        # A second part of a material, or a colour of a kind that is not read, takes nothing away.
+        (TWO, KD + "newmtl red\nKs 1 1 1\n", [RED, BLUE], None),
+        (TWO, KD + "Kd spectral blue.rfl 1\n", [RED, BLUE], "'blue' has a colo"),
+        ("usemtl gone\n" + TWO, KD, [RED, BLUE], None),  # it has no faces
         ("f 1 2 3\n" + TWO, KD, [GREY, RED, BLUE], None),
         ("usemtl red\nusemtl blue\nf 1 2 3 4\n", KD, [BLUE, BLUE], None),
         ("usemtl my red\nf 1 2 3\n", "newmtl my red\nKd 1 0 .5\n", [[255, 0, 128]], None),
@@ -116,26 +140,34 @@ def test_diffuse_colours(tmp_path: Path, obj: str, mtl: str | None, colors, note
     assert note is None or note in contents.notes[0]
 
 
+def textured(folder: Path, faces: str, texture: str):
+    """An OBJ of a green material with a high texture: red left, blue right, black above."""
+    image = Image.new("RGB", (4, 16), tuple(RED))
+    image.paste(tuple(BLUE), (2, 0, 4, 16))
+    image.paste((0, 0, 0), (0, 0, 4, 8))
+    image.save(folder / "paint.png")
+    materials = f"newmtl m\nKd 0 1 0\n{texture}"
+    return read(folder, f"mtllib a.mtl\n{V}{VT}usemtl m\n{faces}", a_mtl=materials)
+
+
 @pytest.mark.parametrize(
     ("texture", "colors"),
     [
         ("map_Kd paint.png", [RED, BLUE]),
         ("map_Kd -clamp on -mm 0 1 -bm 2.5 paint.png", [RED, BLUE]),
         ("map_Kd -s -1 1 1 paint.png", [BLUE, RED]),  # .23 mirrored is .77 of the next repetition
+        ("map_Kd -s 2.5 paint.png", [BLUE, RED]),  # .58 and 2.08; upwards the scale stays 1
         ("map_Kd -o .5 0 0 paint.png", [BLUE, RED]),
+        ("map_Kd -o .5 paint.png", [BLUE, RED]),  # upwards the shift stays 0
+        ("map_Kd -o .5 -s 2 paint.png", [BLUE, RED]),  # 2 times .23 and .83, and then the shift
+        ("map_Kd -t 0 0 0 paint.png", [RED, BLUE]),
         ("map_kd C:\\textures\\PAINT.PNG", [RED, BLUE]),
         ('map_Kd "paint.png"', [RED, BLUE]),
         ("map_Kd gone.png", [GREEN, GREEN]),
     ],
 )
 def test_textures(tmp_path: Path, texture: str, colors: list) -> None:
-    image = Image.new("RGB", (4, 2), tuple(RED))
-    image.paste(tuple(BLUE), (2, 0, 4, 2))
-    image.save(tmp_path / "paint.png")
-    faces = "usemtl m\nf 1/1 2/2 3/3\nf 1/4 3/5 4/6\n"
-    contents = read(
-        tmp_path, f"mtllib a.mtl\n{V}{VT}{faces}", a_mtl=f"newmtl m\nKd 0 1 0\n{texture}"
-    )
+    contents = textured(tmp_path, "f 1/1 2/2 3/3\nf 1/4 3/5 4/6\n", texture)
     assert contents.face_colors.tolist() == colors
     assert contents.notes == (
         () if colors[0] != GREEN else ("the texture 'gone.png' is not there",)
@@ -169,6 +201,37 @@ def test_colours_that_are_left_out_are_told(tmp_path: Path, text: str, note: str
     assert note in line
 
 
+@pytest.mark.parametrize(
+    ("faces", "colors"),
+    [
+        ("f 1/-6 2/-5 3/-4\nf 1/-3 3/-2 4/-1\n" + "vt .5 .2\n" * 3, [RED, BLUE]),
+        ("f 1/1 2/2 3/7\nf 1/4 3/5 4/6\n", [GREEN, BLUE]),  # of 6 places
+        ("f 1/1 2/2 3/-8\nf 1/4 3/5 4/6\n", [GREEN, BLUE]),
+        ("f 1/1 2/2 3\nf 1/4 3/5 4/6\n", [GREEN, BLUE]),
+        ("f 1//1 2//2 3//3\nf 1//4 3//5 4//6\n", [GREEN, GREEN]),  # these are normals
+    ],
+)
+def test_places_of_corners(tmp_path: Path, faces: str, colors: list) -> None:
+    contents = textured(tmp_path, faces, "map_Kd paint.png")
+    assert contents.face_colors.tolist() == colors
+
+
+def test_a_texture_of_too_many_pixels_is_refused(tmp_path: Path) -> None:
+    (tmp_path / "big.ppm").write_bytes(b"P6 8193 8193 255\n")  # the head is enough to refuse it
+    with pytest.raises(BadInput, match="8193 x 8193 pixels, at most 67108864 are read"):
+        textured(tmp_path, "f 1/1 2/2 3/3\n", "map_Kd big.ppm")
+
+
+@pytest.mark.parametrize(
+    ("color", "colors"),
+    [("65536 0 0", [RED, BLUE]), ("-1 0 0", [RED, BLUE]), ("0 1 0", [GREEN, GREEN])],
+)
+def test_colours_beside_numbers_that_are_none(tmp_path: Path, color: str, colors: list) -> None:
+    rows = V.replace("0\n", f"0 {color}\n") + f"v 9 9 9 {color} 1\n"  # of six and seven numbers
+    contents = read(tmp_path, f"mtllib a.mtl\n{rows}{TWO}", a_mtl=KD)
+    assert contents.face_colors.tolist() == colors
+
+
 @pytest.mark.parametrize("full", [1, 1.0001, 255])
 def test_colours_of_vertices_come_before_diffuse_ones(tmp_path: Path, full: float) -> None:
     rows = [(full, 0, 0), (full, 0, 0), (full, 0, 0), (0, 0, full)]
@@ -188,6 +251,7 @@ def test_colours_of_vertices_come_before_diffuse_ones(tmp_path: Path, full: floa
         (V + "f 1 2 5\n", "line 5: a face has vertex 5, and there are 4"),
         (V + "f -5 -1 -2\n", "line 5: a face has vertex -5, and there are 4"),
         (V + "f 1 2 x\n", "line 5: 'x' is no corner of a face"),
+        (V + "f 1/1/1/1 2/2/2/2 3/3/3/3\n", "line 5: '1/1/1/1' is no corner of a face"),
         (V + "f 1.5 2 3\n", "line 5: '1.5' is no corner of a face"),
         ("v 0 0\nf 1 1 1\n", "line 1: a vertex of 2 numbers, expected x, y and z"),
         ("v 0 0 0\nv 1,5 2,5 0\n", "line 2: '1,5' has a decimal comma; write numbers with a point"),

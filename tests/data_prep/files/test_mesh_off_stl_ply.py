@@ -59,6 +59,7 @@ def test_rows_of_an_off(tmp_path: Path, text: str) -> None:
             f"COFF 4 1 0 {ROWS} 3 0 1 2\n".replace("\n", " "),
             "its rows are not the vertices and faces",
         ),
+        (f"OFF 4 2 0 {ROWS} 3 0 1 2 0".replace("\n", " "), "that its counts '4 2 0' say"),
         (f"4OFF\n4 1 0\n{ROWS}3 0 1 2\n", "an OFF of four coordinates"),
         ("OFF BINARY\n\0\0\0\1", "a binary OFF, which is not read; export it as an OFF of text"),
         ("OFF\n", "its counts '' say"),
@@ -73,9 +74,31 @@ def test_refused_offs(tmp_path: Path, text: str, problem: str) -> None:
 
 
 def test_rows_behind_the_last_face_of_an_off_are_told(tmp_path: Path) -> None:
-    contents = read(tmp_path, "a.off", f"OFF\n4 1 0\n{ROWS}3 0 1 2\n3 0 2 3\n")
+    text = f"OFF\n4 1 0\n{ROWS}3 0 1 2\n3 0 2 3\n"
+    contents = read(tmp_path, "a.off", text)
     assert contents.faces.tolist() == [[0, 1, 2]]
     assert contents.notes == ("1 rows behind the last face are left out",)
+    contents = read(tmp_path, "a.off", text.replace("\n", " "))  # no rows, but words
+    assert contents.faces.tolist() == [[0, 1, 2]]
+    assert "behind the last face are left out" in contents.notes[0]
+
+
+BLUE_ROWS = ROWS.replace("0\n", "0 0 0 255 255\n")
+
+
+@pytest.mark.parametrize(
+    ("text", "colors"),
+    [
+        ("CNOFF\n4 1 0\n" + ROWS.replace("0\n", "0 0 0 1 1. 0 0\n") + "4 0 1 2 3\n", [RED] * 2),
+        (f"COFF\n4 1 0\n{BLUE_ROWS}4 0 1 2 3\n", [BLUE] * 2),
+        (f"COFF\n4 2 0\n{BLUE_ROWS}3 0 1 2 255 0 0\n3 0 2 3\n", [RED, GREY]),  # that of the face
+        (f"COFF\n4 1 0\n{BLUE_ROWS}4 0 1 2 3 7\n", [BLUE] * 2),  # of a map of colours
+        (f"OFF\n4 2 0\n{ROWS}3 0 1 2 1 0 0.\n3 0 2 3 0 0 255 9\n", [RED, BLUE]),
+        (f"OFF\n4 2 0\n{ROWS}3 0 1 2 256 -1 0\n3 0 2 3 0. 0. 1.1\n", [RED, BLUE]),
+    ],
+)
+def test_colours_of_an_off(tmp_path: Path, text: str, colors: list) -> None:
+    assert read(tmp_path, "a.off", text).face_colors.tolist() == colors
 
 
 def facets(count: int = 2, attributes: tuple[int, ...] = (0, 0), header: bytes = b"") -> bytes:
@@ -121,10 +144,10 @@ def test_colours_of_an_stl_by_materialise_magics(tmp_path: Path) -> None:
     # Bits 0 to 4 are red, 10 to 14 blue; the highest bit leaves the colour of the object.
     content = facets(attributes=(31, 0x8000), header=b"COLOR=" + bytes([0, 0, 255, 255]))
     assert read(tmp_path, "a.stl", content).face_colors.tolist() == [RED, BLUE]
-    content = facets(attributes=(31, 0xFC00), header=b"x")  # else nobody says what the bits are
-    contents = read(tmp_path, "a.stl", content)
-    assert contents.face_colors.tolist() == [GREY, GREY]
-    assert contents.notes[0].startswith("its triangles may have colours that are not read")
+    for header in (b"x", b" " * 73 + b"COLOR="):  # else nobody says what the bits are
+        contents = read(tmp_path, "a.stl", facets(attributes=(31, 0xFC00), header=header))
+        assert contents.face_colors.tolist() == [GREY, GREY]
+        assert contents.notes[0].startswith("its triangles may have colours that are not read")
 
 
 @pytest.mark.parametrize(
@@ -192,6 +215,9 @@ def test_strips_of_a_ply(tmp_path: Path) -> None:
     strips = "tristrips property list int int vertex_indices\n"
     contents = read(tmp_path, "a.ply", ply(strips, "9 0 1 3 2 -1 -1 0 1 2\n3 0 2 3\n"))
     assert contents.faces.tolist() == [[0, 1, 3], [1, 2, 3], [0, 1, 2], [0, 2, 3]]
+    no_faces = "element face 0\nproperty list uchar int vertex_indices\nelement tristrips"
+    text = ply(strips, "3 0 2 3\n").replace("element tristrips", no_faces)
+    assert read(tmp_path, "a.ply", text).faces.tolist() == [[0, 2, 3]]
 
 
 @pytest.mark.parametrize("of_faces", [False, True])
@@ -211,6 +237,9 @@ def test_a_texture_of_a_ply(tmp_path: Path, of_faces: bool) -> None:
     contents = read(tmp_path, "a.ply", text)
     # The middle of the second face lies at 1.37 = .37 of the height without places of faces: red.
     assert contents.face_colors.tolist() == [RED, BLUE if of_faces else RED]
+    if of_faces:  # more places than corners say nothing of these
+        longer = text.replace("6 .1 .1 ", "8 .1 .1 .1 .1 ")
+        assert read(tmp_path, "a.ply", longer).face_colors.tolist() == [GREY, GREY]
     (tmp_path / "paint.png").unlink()
     assert read(tmp_path, "a.ply", text).notes == ("the texture 'paint.png' is not there",)
 

@@ -11,6 +11,7 @@ from PIL import Image
 
 from data_prep.clouds.sampling import face_areas
 from data_prep.failures import BadInput
+from data_prep.files.mesh_resources import MeshResources
 from data_prep.files.meshes import SUFFIXES, load_mesh
 from data_prep.scene import NEUTRAL_GREY, Mesh
 from tests.data_prep.dataset_trees import gltf_binary
@@ -270,6 +271,15 @@ def test_one_line_names_the_file_and_the_problem(tmp_path: Path, name: str) -> N
     assert message.startswith(f"{tmp_path / name}: ")
     assert "\n" not in message
     assert len(message) < len(str(tmp_path)) + 300
+
+
+def test_files_of_a_mesh_are_read_up_to_a_size_of_all_together(tmp_path: Path) -> None:
+    for name in ("a.bin", "b.bin", "c.bin"):
+        (tmp_path / name).write_bytes(bytes(5))
+    resources = MeshResources(tmp_path, most_bytes=10)
+    assert resources.read("a.bin") == resources.read("b.bin") == bytes(5)
+    with pytest.raises(BadInput, match=r"c\.bin"):
+        resources.read("c.bin")
 
 
 def test_the_largest_float32_are_no_problem(tmp_path: Path) -> None:

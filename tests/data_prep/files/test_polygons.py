@@ -12,6 +12,7 @@ from data_prep.files.polygons import triangles_of_polygons, triangles_of_strips
 SQUARE = [(0, 0), (1, 0), (1, 1), (0, 1)]
 ARROW = [(0, 0), (2, 0), (0.5, 0.5), (0, 2)]  # its third corner points inwards; area 1
 BAR = [(0, 0), (3, 0), (3, 1), (1, 1), (1, 3), (0, 3)]  # an L; area 5
+DENT = [(0, 0), (2, 0), (2, 1), (1, 0.999), (0, 1)]  # turns inwards by 0.002; area 1.999
 
 
 def flat(*polygons: list[tuple[float, float]]) -> tuple[np.ndarray, np.ndarray]:
@@ -29,25 +30,35 @@ def areas(points: np.ndarray, triangles: np.ndarray) -> np.ndarray:
 
 def test_convex_polygons_are_fans_around_their_first_corner() -> None:
     hexagon = [(np.cos(a), np.sin(a)) for a in np.arange(6) * np.pi / 3]
-    points, lengths = flat(SQUARE, hexagon, SQUARE[:3], SQUARE[:2], [])
+    straight = [(0, 0), (0.5, 1e-7), *SQUARE[1:]]  # but for the rounding of float32
+    points, lengths = flat(SQUARE, hexagon, SQUARE[:3], SQUARE[:2], [], straight)
     triangles, polygons = triangles_of_polygons(points, lengths)
     fan = [[4, 5, 6], [4, 6, 7], [4, 7, 8], [4, 8, 9]]
-    assert triangles.tolist() == [[0, 1, 2], [0, 2, 3], *fan, [10, 11, 12]]
-    assert polygons.tolist() == [0, 0, 1, 1, 1, 1, 2]
+    fan += [[10, 11, 12], [15, 16, 17], [15, 17, 18], [15, 18, 19]]
+    assert triangles.tolist() == [[0, 1, 2], [0, 2, 3], *fan]
+    assert polygons.tolist() == [0, 0, 1, 1, 1, 1, 2, 5, 5, 5]
 
 
 @pytest.mark.parametrize("turned", [False, True])
-@pytest.mark.parametrize("shape", [ARROW, BAR])
-def test_concave_polygons_have_their_area_from_any_first_corner(shape, turned: bool) -> None:
+@pytest.mark.parametrize(("shape", "size"), [(ARROW, 1), (BAR, 5), (DENT, 1.999)])
+def test_concave_polygons_have_their_area_from_any_first_corner(shape, size, turned: bool) -> None:
     for first in range(len(shape)):
         polygon = shape[first:] + shape[:first]
         points, lengths = flat(SQUARE, polygon[::-1] if turned else polygon, SQUARE)
         triangles, polygons = triangles_of_polygons(points, lengths)
-        size, sign = (1 if shape is ARROW else 5), (-1 if turned else 1)
-        parts = sign * areas(points, triangles)[polygons == 1]
+        parts = (-1 if turned else 1) * areas(points, triangles)[polygons == 1]
         assert parts.sum() == pytest.approx(size, abs=1e-12)
         assert (parts >= 0).all()  # no triangle lies outside or turns round
         assert polygons.tolist() == [0, 0, *[1] * (len(shape) - 2), 2, 2]
+
+
+def test_concave_polygons_behind_many_others_and_with_a_corner_twice() -> None:
+    arrow = ARROW[1:] + ARROW[:1]  # a fan around its first corner covers more than the arrow
+    points, lengths = flat(*[SQUARE] * 9000, arrow, arrow[:1] + arrow)
+    triangles, polygons = triangles_of_polygons(points, lengths)
+    parts = areas(points, triangles)
+    assert parts.min() >= 0
+    assert np.bincount(polygons, parts)[-3:] == pytest.approx([1, 1, 1])
 
 
 @given(
