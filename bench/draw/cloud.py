@@ -21,6 +21,7 @@ from bench.catalogue.suites import Limits
 from bench.draw.choice import COLOUR_METHOD, Notes, find_drawer
 from bench.draw.colours import in_colours
 from bench.draw.finish import enlarged, guessed_coverage, resized, without_background
+from bench.draw.orientation_hints import looks_like_a_line, looks_lying
 from bench.draw.thread import on_drawing_thread, one_pool
 from bench.running.pool import WorkerFailure, run_tasks
 from bench.running.work import draw, load_renderer, reason_of
@@ -51,19 +52,6 @@ _WHERE_COLOURS = (
     "a PLY has red, green and blue, a text six columns or r, g and b in its first line, an array "
     "[N, 6]; or draw without --colour file"
 )
-# The fewest points of a cloud whose up axis is guessed: with fewer, its symmetry cannot be judged.
-_FEWEST_HINTED = 256
-# The most points that the guess looks at, to be quick; of larger clouds it takes a random subset.
-_MOST_HINTED = 2048
-# A cloud is mirrored along an axis, and the mean distance of the mirrored points to the nearest
-# point is compared with the distance between neighbouring points. Up to _SYMMETRIC times as far,
-# the cloud counts as symmetric along the axis; from _ASYMMETRIC times on, as not symmetric.
-# Both were chosen on 107 real meshes and 390 procedural shapes whose y axis points up. At most 1 %
-# of them get a false hint, be they clean, sparse (512 points), or with noise of 5 or 10 % of the
-# radius. Of the real ones turned so that z points up, 27 % are recognised with the front at -y, and
-# 57 % with the front at x; with noise, 3 to 17 %.
-_SYMMETRIC, _ASYMMETRIC = 1.2, 3.0
-_LINE = 1e-3  # points whose extent across is below this share of their length lie on a line
 _MOST_PIXELS = 2**24  # the most pixels that a method draws in one call: 200 MB as float32
 # The limits for one cloud by one method. A user is waiting, and the slowest method takes half a
 # minute for 100,000 points.
@@ -266,42 +254,6 @@ def far_with_notes(
     elif far.any():
         notes.insert(0, f"{note_on_far(points, far)}; {option} leaves them out")
     return far, tuple(filter(None, notes))
-
-
-def _finite(cloud: PointCloud) -> NDArray[np.float64]:
-    return cloud.points[np.isfinite(cloud.points).all(axis=1)].astype(np.float64)
-
-
-def looks_like_a_line(cloud: PointCloud) -> bool:
-    """Return whether the points lie on a line, as they do where a column of times is read as x."""
-    points = _finite(cloud)
-    if len(points) < 3:
-        return False
-    along, across, _ = np.linalg.eigvalsh(np.cov(points.T))[::-1]
-    return across <= _LINE**2 * along
-
-
-def looks_lying(cloud: PointCloud) -> bool:
-    """Return whether a cloud looks as if its z axis pointed up.
-
-    Most objects are symmetric from left to right, and many from front to back, but hardly any from
-    top to bottom. So z points up where the cloud is symmetric along y, but not along z.
-    """
-    from scipy.spatial import cKDTree
-
-    points = _finite(cloud)
-    if len(points) < _FEWEST_HINTED:
-        return False
-    points = points[random_rows(len(points), _MOST_HINTED)]
-    tree = cKDTree(points)
-    # The distance to the second nearest point, as the nearest one is the point itself.
-    spacing = float(np.median(tree.query(points, k=[2])[0]))
-    asymmetry = []  # the mean distance of mirrored points to the nearest point, along y and along z
-    for axis in (1, 2):
-        mirrored = points.copy()
-        mirrored[:, axis] = points[:, axis].min() + points[:, axis].max() - points[:, axis]
-        asymmetry.append(float(np.mean(tree.query(mirrored)[0])))
-    return asymmetry[0] < _SYMMETRIC * spacing and asymmetry[1] > _ASYMMETRIC * spacing
 
 
 @dataclass(frozen=True, eq=False)
