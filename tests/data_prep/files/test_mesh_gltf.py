@@ -371,7 +371,9 @@ def test_colours_of_vertices_are_linear_and_multiply_the_material(
     gltf = Gltf()
     part = square(gltf)  # of four vertices
     part["attributes"]["COLOR_0"] = gltf.array([[full, 0, 0]] * 5, kind, normalized=kind != "f4")
-    assert gltf.mesh(part).read(tmp_path).face_colors.tolist() == [GREY] * 2
+    contents = gltf.mesh(part).read(tmp_path)
+    assert contents.face_colors.tolist() == [GREY] * 2
+    assert contents.notes == ("5 colours of 4 vertices",)
 
 
 @pytest.mark.parametrize(
@@ -448,7 +450,8 @@ def test_places_beyond_the_end(tmp_path: Path, kind: str, changes: dict, problem
 def test_of_several_binary_chunks_the_first_counts(tmp_path: Path) -> None:
     vertices = one_square().read(tmp_path).vertices
     path = tmp_path / "a.glb"
-    path.write_bytes(path.read_bytes() + b"\x3c\0\0\0BIN\0" + bytes(60))
+    data = path.read_bytes() + b"\x3c\0\0\0BIN\0" + bytes(60)
+    path.write_bytes(data[:8] + len(data).to_bytes(4, "little") + data[12:])
     np.testing.assert_array_equal(read_contents(path).vertices, vertices)
 
 

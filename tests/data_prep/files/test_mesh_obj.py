@@ -202,18 +202,20 @@ def test_colours_that_are_left_out_are_told(tmp_path: Path, text: str, note: str
 
 
 @pytest.mark.parametrize(
-    ("faces", "colors"),
+    ("faces", "colors", "beyond"),
     [
-        ("f 1/-6 2/-5 3/-4\nf 1/-3 3/-2 4/-1\n" + "vt .5 .2\n" * 3, [RED, BLUE]),
-        ("f 1/1 2/2 3/7\nf 1/4 3/5 4/6\n", [GREEN, BLUE]),  # of 6 places
-        ("f 1/1 2/2 3/-8\nf 1/4 3/5 4/6\n", [GREEN, BLUE]),
-        ("f 1/1 2/2 3\nf 1/4 3/5 4/6\n", [GREEN, BLUE]),
-        ("f 1//1 2//2 3//3\nf 1//4 3//5 4//6\n", [GREEN, GREEN]),  # these are normals
+        ("f 1/-6 2/-5 3/-4\nf 1/-3 3/-2 4/-1\n" + "vt .5 .2\n" * 3, [RED, BLUE], 0),
+        ("f 1/1 2/2 3/7\nf 1/4 3/5 4/6\n", [GREEN, BLUE], 1),  # of 6 places
+        ("f 1/1 2/9 3/-9\nf 1/4 3/5 4/6\n", [GREEN, BLUE], 2),
+        ("f 1/1 2/2 3\nf 1/4 3/5 4/6\n", [GREEN, BLUE], 0),
+        ("f 1//1 2//2 3//3\nf 1//4 3//5 4//6\n", [GREEN, GREEN], 0),  # these are normals
     ],
 )
-def test_places_of_corners(tmp_path: Path, faces: str, colors: list) -> None:
+def test_places_of_corners(tmp_path: Path, faces: str, colors: list, beyond: int) -> None:
     contents = textured(tmp_path, faces, "map_Kd paint.png")
     assert contents.face_colors.tolist() == colors
+    told = (f"{beyond} corners have places in a texture that are not there",)
+    assert contents.notes == (told if beyond else ())
 
 
 def test_a_texture_of_too_many_pixels_is_refused(tmp_path: Path) -> None:

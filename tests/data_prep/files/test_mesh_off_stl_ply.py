@@ -94,6 +94,7 @@ BLUE_ROWS = ROWS.replace("0\n", "0 0 0 255 255\n")
         (f"COFF\n4 2 0\n{BLUE_ROWS}3 0 1 2 255 0 0\n3 0 2 3\n", [RED, GREY]),  # that of the face
         (f"COFF\n4 1 0\n{BLUE_ROWS}4 0 1 2 3 7\n", [BLUE] * 2),  # of a map of colours
         (f"OFF\n4 2 0\n{ROWS}3 0 1 2 1 0 0.\n3 0 2 3 0 0 255 9\n", [RED, BLUE]),
+        (f"OFF\n4 2 0\n{ROWS}3 0 1 2 1 0 0\n3 0 2 3 0 0 1\n", [RED, BLUE]),
         (f"OFF\n4 2 0\n{ROWS}3 0 1 2 256 -1 0\n3 0 2 3 0. 0. 1.1\n", [RED, BLUE]),
     ],
 )
