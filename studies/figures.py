@@ -28,7 +28,16 @@ from bench.report.plots import axis_title, dots_figure, frontier_figure, save
 from bench.report.run_figures import family_figure, family_panels, quality_figure, quality_panel
 from bench.report.styles import method_styles
 from studies.documents import NUMBERS
-from studies.sheets import ANSWER, REAL, SCANNED, draw_objects, draw_path, draw_scans
+from studies.sheets import (
+    ANSWER,
+    COLOURED,
+    REAL,
+    SCANNED,
+    draw_coloured,
+    draw_objects,
+    draw_path,
+    draw_scans,
+)
 
 if TYPE_CHECKING:
     from matplotlib.figure import Figure
@@ -146,7 +155,7 @@ def _draw_families(file: str, methods: Sequence[str]) -> Figure:
 
 CHAIR = "splat-net@chair"
 OTHERS = ("best-classical", "pc2pix", "surface-apss", FLOOR)
-# What draws each image, by name: figures, the strip of codes, and sheets that need real meshes.
+# What draws each image, by name: figures, sheets, and sheets that need real meshes.
 FIGURES: Mapping[str, Callable[[], Figure]] = {
     "known-chairs": partial(_draw_conditions, "sealed.csv", (CHAIR, "fused-net", *OTHERS)),
     "real-meshes": partial(
@@ -158,7 +167,10 @@ FIGURES: Mapping[str, Callable[[], Figure]] = {
     "beyond": partial(_draw_families, "beyond-training.csv", (CHAIR, "fused-net", *OTHERS)),
     "trade": _draw_costs,
 }
-_LATENT = {"latent": partial(draw_path, "pc2pix", 4, _WIDTH_IN)}
+_SHEETS = {
+    "latent": partial(draw_path, "pc2pix", 4, _WIDTH_IN),
+    "coloured": partial(draw_coloured, "chair", 2, COLOURED, _WIDTH_IN),
+}
 _OF_MESHES: Mapping[str, Callable[[Path], Figure]] = {
     "answer": lambda meshes: draw_objects(meshes, ("bench", "chair"), ANSWER, _WIDTH_IN),
     "real-objects": lambda meshes: draw_objects(
@@ -173,7 +185,7 @@ def drawings(meshes: Path | None) -> dict[str, Callable[[], Figure]]:
 
     meshes  the folder of real meshes; None leaves out the sheets of these
     """
-    every: dict[str, Callable[[], Figure]] = {**FIGURES, **_LATENT}
+    every: dict[str, Callable[[], Figure]] = {**FIGURES, **_SHEETS}
     if meshes:
         for name, draw in _OF_MESHES.items():
             every[name] = partial(draw, meshes)

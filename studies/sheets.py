@@ -9,6 +9,7 @@ from typing import TYPE_CHECKING
 from bench import draw_cloud
 from bench.catalogue.chosen import BEST_CLASSICAL, CHOSEN
 from bench.catalogue.lookup import find
+from bench.draw.cloud import Drawing, Failed, draw_in_process
 from bench.judges import VIEWS_WEIGHTS
 from bench.judges.views import load_views_network
 from bench.report.plots import Image
@@ -17,11 +18,12 @@ from bench.running.work import load_renderer
 from bench.suites.latent.chairs import choose_pairs, specified_chairs
 from bench.suites.latent.codes import load_network, strips_figure, walk
 from data_prep.clouds.conditions import CONDITIONS
+from data_prep.clouds.sampling import sample_faces
 from data_prep.datasets.objects import GreyObject, SceneObject
-from data_prep.datasets.registry import open_dataset
+from data_prep.datasets.registry import ProceduralObject, open_dataset
 from data_prep.randomness import generator
 from data_prep.rendering.dots import draw_dots
-from data_prep.scene import View
+from data_prep.scene import CLOUD_SIZE, PointCloud, View
 from studies.images import draw_all
 
 if TYPE_CHECKING:
@@ -35,6 +37,7 @@ _CONDITION_TITLES = {"2048": "clean", "noise-0.10": "noise 10 %"}  # of the rows
 _NETWORKS = ("fused-net@grey", "splat-net@grey")
 ANSWER = (*_NETWORKS, BEST_CLASSICAL, "pc2pix")
 REAL = (*_NETWORKS, "occupancy-net", BEST_CLASSICAL)
+COLOURED = ("splat", "splat-fill", "alpha-wrap", "fused-net@grey")
 SCANNED = ("splat", "alpha-wrap", "surface-apss", "occupancy-net", "fused-net@grey", "pc2pix@all")
 
 
@@ -68,6 +71,31 @@ def _row(shape: SceneObject, condition: str, methods: Sequence[str]) -> Iterator
         if chosen:  # `best-classical` stands for the first of a ranking
             method = chosen.ranking[METRIC, condition][0]
         yield draw_all(load_renderer(method, "cpu"), [cloud], [[VIEW]])[0, 0]
+
+
+def draw_coloured(class_name: str, number: int, methods: Sequence[str], width_in: float) -> Figure:
+    """Return a sheet of a validation object, its points, and these drawn in its colours.
+
+    number    of the object in its class, from 0
+    width_in  width of the sheet, in inches
+    """
+    shape = ProceduralObject(class_name, "validation", number)
+    mesh = shape.load()
+    corners = mesh.vertices.astype(float)[mesh.faces]
+    points, face, _ = sample_faces(corners, generator("sheet", shape.object_id), CLOUD_SIZE)
+    cloud = PointCloud(points, colors=mesh.face_colors[face])
+    images: list[Image | str] = [shape.truth([VIEW])[0], draw_dots(cloud.points, [VIEW])[0]]
+    for method in methods:
+        drawn = draw_in_process(cloud, Drawing(method, (VIEW,), device="cpu"))
+        images.append(drawn.reason if isinstance(drawn, Failed) else drawn[0])
+    return image_sheet(
+        ["truth", "points", *methods],
+        [(class_name, images)],
+        note=f"{CLOUD_SIZE:,} points",
+        width_in=width_in,
+        fontsize=SMALL,
+        interpolation="antialiased",
+    )
 
 
 def draw_scans(meshes: Path, methods: Sequence[str], width_in: float) -> Figure:

@@ -147,8 +147,8 @@ class RenderOptions:
     )
     colour: Literal["auto", "file", "grey", "invented"] = _option(
         "auto",
-        "auto: the points' colours where the file has any; file: these, or an error; grey: none; "
-        "invented: those that a network makes up.",
+        "auto: in the colours of the file, where it has any; file: in these, or an error; grey: "
+        "without them; invented: in those that a network makes up.",
     )
     up: str | None = _option(
         None, "Axis of the file that points up, -x to z; z for most scans. Default: y."

@@ -58,8 +58,8 @@ _COLOURS = ("auto", "file", "grey", "invented")
 _SPELT = {
     "--drop-invalid": "drop_invalid=True",
     "--drop-far": "drop_far=True",
-    "--colour grey": 'colour="grey"',
     "--colour file": 'colour="file"',
+    "--colour grey": 'colour="grey"',
     "--up z": 'up="z"',
     "--up y": 'up="y"',
     "; --points takes another number": "",

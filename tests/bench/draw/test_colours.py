@@ -212,6 +212,16 @@ def test_invented_colours_are_kept() -> None:
     assert np.array_equal(drawn, draw("splat-net", None))
 
 
+def test_options_have_their_names_of_python_where_a_file_is_drawn_from_there(tmp_path) -> None:
+    path = tmp_path / "cloud.xyz"
+    np.savetxt(path, np.hstack([SPHERE, HALVES]))
+    with pytest.warns(UserWarning, match='drawn as colours, colour="grey" leaves them out$'):
+        bench.draw_cloud(path, method="splat")
+    np.savetxt(path, SPHERE)
+    with pytest.raises(BadInput, match=r'array \[N, 6\]; or draw without colour="file"$'):
+        bench.draw_cloud(path, method="splat", colour="file")
+
+
 def test_columns_that_are_no_colours_are_left_out_with_a_note(command, refused, tmp_path) -> None:
     path, out = tmp_path / "cloud.csv", tmp_path / "out.png"
     values = np.hstack([SPHERE, np.full_like(SPHERE, -1)])
