@@ -6,6 +6,8 @@ from collections.abc import Iterator, Sequence
 from pathlib import Path
 from typing import TYPE_CHECKING
 
+import numpy as np
+
 from bench import draw_cloud
 from bench.catalogue.chosen import BEST_CLASSICAL, CHOSEN
 from bench.catalogue.lookup import find
@@ -83,7 +85,7 @@ def draw_coloured(class_name: str, number: int, methods: Sequence[str], width_in
     mesh = shape.load()
     corners = mesh.vertices.astype(float)[mesh.faces]
     points, face, _ = sample_faces(corners, generator("sheet", shape.object_id), CLOUD_SIZE)
-    cloud = PointCloud(points, colors=mesh.face_colors[face])
+    cloud = PointCloud(points.astype(np.float32), colors=mesh.face_colors[face])
     images: list[Image | str] = [shape.truth([VIEW])[0], draw_dots(cloud.points, [VIEW])[0]]
     for method in methods:
         drawn = draw_in_process(cloud, Drawing(method, (VIEW,), device="cpu"))
