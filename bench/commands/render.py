@@ -19,7 +19,7 @@ from bench.catalogue.methods import ANY_SIZE, RECOMMENDED, allow_modules
 from bench.commands.options import OptionSpec, options_from_dataclass, path_argument
 from bench.draw.choice import (
     Notes,
-    check_grey,
+    check_colour,
     methods_to_draw,
     notes_on_methods,
     notes_on_size,
@@ -221,9 +221,8 @@ def check(options: RenderOptions, out: Path) -> None:
         raise BadInput("--background transparent: a sheet is white; give one method")
     if transparent:
         check_opacity(out)
-    if options.colour == "grey":
-        for method in options.methods:
-            check_grey(method)
+    for method in options.methods:
+        check_colour(method, options.colour)
     upright(np.empty((0, 3)), options.up or "y", options.front)
 
 

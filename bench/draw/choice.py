@@ -27,12 +27,15 @@ def find_drawer(method_id: str) -> Method:
     return method
 
 
-def check_grey(method_id: str) -> None:
-    """Raise BadInput for a method that draws in colours of its own."""
-    if find_method(method_id).color == "invented":
+def check_colour(method_id: str, colour: str) -> None:
+    """Raise BadInput for a method that makes colours up, where those of a file or none are wanted.
+
+    colour  "grey" and "file" are refused; "auto" and "invented" are not
+    """
+    if colour in ("grey", "file") and find_method(method_id).color == "invented":
         raise BadInput(
-            f"method '{method_id}' makes colours up; give --method {RECOMMENDED}, or another one "
-            "that draws in grey, or leave out --colour grey"
+            f"method '{method_id}' makes colours up; give method {RECOMMENDED}, or another one "
+            f"that draws in grey, or leave out the colour '{colour}'"
         )
 
 

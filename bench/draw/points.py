@@ -17,7 +17,7 @@ from numpy.typing import ArrayLike, NDArray
 from bench.catalogue.methods import METHODS
 from bench.draw.choice import (
     Notes,
-    check_grey,
+    check_colour,
     find_drawer,
     methods_to_draw,
     notes_on_methods,
@@ -123,8 +123,7 @@ def _draw(
         named = () if method is None else (method,)
         (method_id,) = methods_to_draw(named, colour == "invented", budget_ms)
         find_drawer(method_id)
-        if colour == "grey":
-            check_grey(method_id)
+        check_colour(method_id, colour)
         drawing = Drawing(method_id, tuple(views), device=device, size=size, background=background)
         if len(views) * size**2 > _MOST_PIXELS:
             raise BadInput(

@@ -10,7 +10,8 @@ _BY_START = {
         "--colour invented --method surface-fit": "method 'surface-fit' draws in grey",
         "--colour invented --budget 50ms": "budget 50ms: the methods that it chooses",
         "--colour file --budget 1s": "cloud.xyz: no colours of its points; a PLY has red, green ",
-        "--colour grey --method fused-net": "method 'fused-net' makes colours up; give --method f",
+        "--colour grey --method fused-net": "method 'fused-net' makes colours up; give method fuse",
+        "--colour file --method splat,pc2pix": "method 'pc2pix' makes colours up; give method fuse",
     },
     "render cloud.xyz --method blank -o out.png": {
         "--method splta": "unknown method 'splta': did you mean 'splat'? there are ",

@@ -183,8 +183,8 @@ WRONG = {  # what is given, and what is said of it
     ),
     "in colours of its own": (
         {"method": "fused-net", "colour": "grey"},
-        "method 'fused-net' makes colours up; give --method fused-net@grey, or another one that "
-        "draws in grey, or leave out --colour grey",
+        "method 'fused-net' makes colours up; give method fused-net@grey, or another one that "
+        "draws in grey, or leave out the colour 'grey'",
     ),
     "of a file": (
         {"points": "cloud.ply"},
@@ -215,7 +215,7 @@ def test_invented_colours_are_kept() -> None:
 def test_options_have_their_names_of_python_where_a_file_is_drawn_from_there(tmp_path) -> None:
     path = tmp_path / "cloud.xyz"
     np.savetxt(path, np.hstack([SPHERE, HALVES]))
-    with pytest.warns(UserWarning, match='drawn as colours, colour="grey" leaves them out$'):
+    with pytest.warns(UserWarning, match='are a guess, too, which colour="grey" leaves out$'):
         bench.draw_cloud(path, method="splat")
     np.savetxt(path, SPHERE)
     with pytest.raises(BadInput, match=r'array \[N, 6\]; or draw without colour="file"$'):
