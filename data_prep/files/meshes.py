@@ -81,6 +81,7 @@ def read_mesh(path: Path, within: Path | None = None) -> Mesh:
     return _mesh(path, read_contents(path, within))
 
 
+@np.errstate(all="ignore")  # files may hold numbers that are not finite, as places in textures
 def read_contents(path: Path, within: Path | None = None) -> MeshContents:
     """Return the contents of a file as `read_mesh` does, before they are rounded to float32.
 

@@ -337,8 +337,8 @@ def test_materials(tmp_path: Path, material: dict | None, expected: list) -> Non
         ((-0.8, 0.2), {}, {"wrapS": 33648}, BLUE),  # mirrored: .8
         ((0.2, 0.2), {"offset": [0.5, 0]}, {}, BLUE),
         ((0.2, 0.2), {"scale": [4, 1]}, {}, BLUE),
-        # Anticlockwise as seen, where v points down: (.2, 0) goes to (0, -.2), which is .8 of v.
-        ((0.2, 0.0), {"rotation": np.pi / 2}, {}, DARK),
+        # Anticlockwise as seen, where v points down: (.2, .1) goes to (.1, -.2), which is .8 of v.
+        ((0.2, 0.1), {"rotation": np.pi / 2}, {}, DARK),
         ((0.2, 0.2), {"texCoord": 1}, {}, BLUE),
     ],
 )
