@@ -371,7 +371,7 @@ TETRAHEDRON = "v 1 1 1\nv 1 -1 -1\nv -1 1 -1\nv -1 -1 1\nf 1 2 3\nf 1 4 2\nf 1 3
 BAD_MESHES = {
     "bare.obj": ("v 0 0 0\nv 1 0 0\nv 0 1 0\n", "the mesh has no faces"),
     "nan.obj": ("v 0 0 0\nv nan 0 0\nv 0 1 0\nf 1 2 3\n", "1 non-finite vertices of 3"),
-    "text.ply": ("this is no mesh\n", "not a readable mesh"),
+    "text.ply": ("this is no mesh\n", "no PLY header"),
 }
 
 
@@ -424,7 +424,7 @@ def test_bad_meshes_among_good_ones(same_machine, no_networks, tmp_path, capsys)
     assert set(good["class"]) == {"meshes"}
     row = rows_of(tables(read_run(out))[0])[0]
     assert (row.method, row.value, row.n_ok, row.n) == ("true-mesh", 1.0, 4, 10)
-    assert f"2 x input: {folder / 'text.ply'}: not a readable mesh" in row.note
+    assert f"2 x input: {folder / 'text.ply'}: no PLY header" in row.note
     with open_store(out) as store:  # without a ground truth nothing is tried
         results = store.find(stored_keys(out)).values()
     assert [sum(result.has_images for result in results), len(results)] == [2 + 2 * 2, 15]
