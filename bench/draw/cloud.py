@@ -547,7 +547,7 @@ def draw_views(renderer: Renderer, cloud: PointCloud, drawing: Drawing) -> Drawn
 
 
 class _Task(NamedTuple):
-    """What a worker does: it reads a file, draws its cloud, or both.
+    """A task of a worker: to read a file, to draw its cloud, or both.
 
     wanted  the images to draw; None to return the cloud
     loaded  the cloud, where it has been read; None to read it

@@ -59,9 +59,9 @@ def spacing_of(cloud: PointCloud) -> float:
     if len(cloud) < 2:
         return 0.0
     some = cloud.points[random_rows(len(cloud), _MOST_SEARCHED)]
-    return float(
-        np.median(cKDTree(cloud.points).query(some, k=[2])[0])
-    )  # the nearest is the point itself
+    # The second nearest is asked for, as the nearest is the point itself.
+    distances, _ = cKDTree(cloud.points).query(some, k=[2])
+    return float(np.median(distances))
 
 
 def colours_seen(cloud: PointCloud, spacing: float, view: View, size: int) -> NDArray[np.float64]:

@@ -29,7 +29,11 @@ from data_prep.files.cloud_contents import (
     colors_of,
 )
 from data_prep.files.cloud_text import numbers_of, text_lines
-from data_prep.files.polygons import triangles_of_polygons, triangles_of_strips
+from data_prep.files.polygons import (
+    beyond_vertices,
+    triangles_of_polygons,
+    triangles_of_strips,
+)
 from data_prep.files.safe_read import shown
 
 MOST_HEADER_BYTES = 2**16  # bytes in which the end of the header is looked for
@@ -144,11 +148,8 @@ class _Table(NamedTuple):
             strips = (np.cumsum(begins) - 1)[kept]
             corners, rows = corners[kept], rows[kept]
             lengths = np.bincount(strips)
-        if corners.size and not 0 <= corners.min() <= corners.max() < len(points):
-            raise NotACloud(
-                f"faces have the vertices {corners.min()} to {corners.max()}, of {len(points)}; "
-                "the file is damaged, fetch it again"
-            )
+        if problem := beyond_vertices(corners, len(points)):
+            raise NotACloud(problem)
         if is_strip:
             positions, _ = triangles_of_strips(lengths)
         else:

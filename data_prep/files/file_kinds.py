@@ -1,4 +1,4 @@
-"""What a file really is, told by its first bytes, whatever its name says."""
+"""The kinds of files, told by their first bytes, whatever their names say."""
 
 from __future__ import annotations
 
@@ -100,16 +100,7 @@ _BY_TEXT = (
         _RENAME,
     ),
 )
-# What files that are packed begin with.
-_CONTAINERS = (
-    b"\x1f\x8b",
-    b"BZh",
-    b"\xfd7zXZ",
-    b"\x28\xb5\x2f\xfd",
-    b"7z\xbc\xaf",
-    b"Rar!",
-    b"PK\3\4",
-)
+_PACKED = tuple(kind for kind in _BY_BYTES if kind.remedy.startswith(_UNPACK))
 _COMMENTS = re.compile(r"\s*(?:(?:#|//|%)[^\r\n]*\s*)*")
 
 
@@ -126,10 +117,9 @@ def mismatch(start: bytes, suffix: str) -> str | None:
     if not start:
         return "an empty file; fetch or write it again"
     # A binary STL begins with any 80 bytes, which may be the words of another format.
-    if suffix == ".stl" and b"\0" in start[80:] and not start.startswith(_CONTAINERS):
-        return None
-    kind = _first(_BY_BYTES, start.decode("latin-1"))
-    if kind is None:
+    is_binary_stl = suffix == ".stl" and b"\0" in start[80:]
+    kind = _first(_PACKED if is_binary_stl else _BY_BYTES, start.decode("latin-1"))
+    if kind is None and not is_binary_stl:
         text = start.decode(json.detect_encoding(start[:4]), "replace")
         kind = _first(_BY_TEXT, _COMMENTS.sub("", text, count=1))
     if kind is None or suffix in kind.suffixes:

@@ -252,7 +252,6 @@ def transforms(
     """
     lengths = np.linalg.norm(rotations, axis=1, keepdims=True)
     x, y, z, w = (rotations / np.where(lengths > 0, lengths, math.inf)).T
-    w = np.where(lengths[:, 0] > 0, w, 1.0)
     places = np.zeros((len(rotations), 4, 4))
     rows = [
         [1 - 2 * (y * y + z * z), 2 * (x * y - z * w), 2 * (x * z + y * w)],

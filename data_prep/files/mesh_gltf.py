@@ -20,7 +20,7 @@ from data_prep.files.gltf_file import COMPRESSIONS, GltfFile, matrix_of, transfo
 from data_prep.files.gltf_materials import GltfMaterials
 from data_prep.files.mesh_contents import FaceColors, MeshContents, NotAMesh
 from data_prep.files.mesh_resources import MeshResources
-from data_prep.files.polygons import triangles_of_strips
+from data_prep.files.polygons import beyond_vertices, triangles_of_strips
 
 _TRIANGLES, _STRIP, _FAN = 4, 5, 6  # the modes of primitives that have faces
 _INSTANCES = "EXT_mesh_gpu_instancing"
@@ -163,11 +163,8 @@ def _primitives(
         corners = np.arange(len(vertices))
         if "indices" in primitive:
             corners = file.numbers(primitive["indices"])[:, 0].astype(np.int64)
-        if corners.size and not 0 <= corners.min() <= corners.max() < len(vertices):
-            raise NotAMesh(
-                f"faces have the vertices {corners.min()} to {corners.max()}, of {len(vertices)}; "
-                "the file is damaged, fetch it again"
-            )
+        if problem := beyond_vertices(corners, len(vertices)):
+            raise NotAMesh(problem)
         faces = corners[_triangles(mode, len(corners))]
         yield _Primitive(
             attributes, vertices, faces, materials.face_colors(primitive, faces, len(vertices))

@@ -20,7 +20,7 @@ from data_prep.files.mesh_contents import (
     grey_faces,
 )
 from data_prep.files.mesh_materials import decoded
-from data_prep.files.polygons import triangles_of_polygons
+from data_prep.files.polygons import beyond_vertices, triangles_of_polygons
 from data_prep.files.safe_read import shown
 from data_prep.files.text_numbers import numbers_in
 from data_prep.scene import NEUTRAL_GREY
@@ -79,12 +79,8 @@ def read_off(data: bytes) -> MeshContents:
                 "its rows are not the vertices and faces that its counts say; write the file again"
             )
         rows = _rows_of_words(text.split(), before_colors)
-    count = len(rows.vertices)
-    if rows.corners.size and not 0 <= rows.corners.min() <= rows.corners.max() < count:
-        raise NotAMesh(
-            f"faces have the vertices {rows.corners.min()} to {rows.corners.max()}, of {count}; "
-            "the file is damaged, fetch it again"
-        )
+    if problem := beyond_vertices(rows.corners, len(rows.vertices)):
+        raise NotAMesh(problem)
     positions, polygons = triangles_of_polygons(rows.vertices[rows.corners], rows.lengths)
     faces = rows.corners[positions]
     colors = grey_faces(len(faces))

@@ -31,9 +31,10 @@ def read_stl(data: bytes) -> MeshContents:
     size = _HEADER_BYTES + claimed * _FACET.itemsize
     # A binary file may begin with "solid", too, and then its size tells.
     begins_as_text = data.lstrip()[:5].lower() == b"solid" or b"facet" in data[:1000]
-    has_binary = b"\0" in data and not _BEGIN_BYTES.search(data)
-    if begins_as_text and len(data) != size and not has_binary:
-        return _read_text(data)
+    if begins_as_text and len(data) != size:
+        is_binary = b"\0" in data and not _BEGIN_BYTES.search(data)
+        if not is_binary:
+            return _read_text(data)
     if len(data) < size or len(data) < _HEADER_BYTES:
         raise NotAMesh(
             f"no STL of text, and as a binary one it would have {claimed} triangles, {size} bytes, "

@@ -19,6 +19,16 @@ _SHORTEST = 1e-6  # times the longest edge: an edge as short as this joins a cor
 _AT_ONCE = 2**13  # polygons that are looked at together, whose corners fit into a cache
 
 
+def beyond_vertices(corners: NDArray[np.int64], count: int) -> str | None:
+    """Return what is wrong where corners [C] have a vertex that is not among `count`, else None."""
+    if not corners.size or 0 <= corners.min() <= corners.max() < count:
+        return None
+    return (
+        f"faces have the vertices {corners.min()} to {corners.max()}, of {count}; the file is "
+        "damaged, fetch it again"
+    )
+
+
 def triangles_of_polygons(
     points: NDArray[np.float64], lengths: NDArray[np.int64]
 ) -> tuple[Positions, NDArray[np.int64]]:

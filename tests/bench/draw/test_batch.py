@@ -110,7 +110,7 @@ class _Told(CloudFile):
 
 
 def test_each_file_of_sheets_is_read_once_and_drawn_as_alone(plugins, clouds):
-    """Of three files one is no cloud, and is told for each request."""
+    """A file that is no cloud, one of three, is told for each request."""
     (clouds / "cut.ply").write_bytes((clouds / "a.ply").read_bytes()[:-1])
     paths = [clouds / "a.ply", clouds / "cut.ply", clouds / "more" / "a.npy"]
     views = (View(30.0, 20.0),)

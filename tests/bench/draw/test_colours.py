@@ -69,7 +69,7 @@ def test_all_of_an_image_has_the_colour_of_the_points_that_are_seen(case: str, s
 
 
 def test_gaps_have_the_colours_around_them_in_any_order_of_the_points() -> None:
-    """Of points 6 pixels apart, a colour gives way to the other over some three of them."""
+    """A colour gives way, where points are 6 pixels apart, to the other over some three of them."""
     cloud = plane(0, RED, 0.1)
     halves = PointCloud(cloud.points, colors=np.where(cloud.points[:, :1] > -0.01, RED, BLUE))
     image = seen(halves, FRONT)

@@ -1,4 +1,4 @@
-"""What NumPy reads at once is what the reader of lines reads, to the last bit."""
+"""Rows that NumPy reads at once are those that the reader of lines reads, to the last bit."""
 
 from __future__ import annotations
 

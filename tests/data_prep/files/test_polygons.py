@@ -63,7 +63,9 @@ def test_concave_polygons_behind_many_others_and_with_a_corner_twice() -> None:
 
 @given(
     radii=st.lists(st.floats(0.05, 2.0), min_size=5, max_size=12),
-    normal=st.tuples(*[st.floats(-1, 1)] * 3).filter(lambda n: sum(x * x for x in n) > 0.01),
+    normal=st.tuples(st.floats(-1, 1), st.floats(-1, 1), st.floats(-1, 1)).filter(
+        lambda n: sum(x * x for x in n) > 0.01
+    ),
     shift=st.floats(-100, 100),
 )
 def test_star_shaped_polygons_in_any_plane(radii, normal, shift: float) -> None:
