@@ -38,6 +38,7 @@ POINTER = "a Git LFS pointer, which stands for the file; fetch it with 'git lfs 
         (b"<Error>\n<Code>AccessDenied</Code>", ".e57", "XML; export it as .e57"),
         (b'<svg width="2">', ".obj", "XML; export it as .obj"),
         (b"\x1f\x8b\x08\0\0", ".csv", "packed by GZIP; unpack it"),
+        (b"\x1f\x8b\x08" + bytes(200), ".stl", "packed by GZIP; unpack it"),  # no binary STL
         (b"BZh91AY&SY\xaa", ".npy", "packed by BZIP2; unpack it"),
         (b"\xfd7zXZ\0\0", ".ply", "packed by XZ; unpack it"),
         (b"\x28\xb5\x2f\xfd\0", ".pcd", "packed by Zstandard; unpack it"),
