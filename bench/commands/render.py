@@ -24,15 +24,8 @@ from bench.draw.choice import (
     notes_on_methods,
     notes_on_size,
 )
-from bench.draw.cloud import (
-    CloudFile,
-    Dots,
-    Drawing,
-    Drawn,
-    Failed,
-    Wanted,
-    draw_each,
-)
+from bench.draw.cloud import Dots, Drawing, Drawn, Failed, Wanted, draw_each
+from bench.draw.cloud_file import CloudFile
 from bench.draw.files import (
     MOVING,
     check_opacity,

@@ -23,16 +23,8 @@ from bench.draw.choice import (
     notes_on_methods,
     notes_on_size,
 )
-from bench.draw.cloud import (
-    Background,
-    CloudFile,
-    Drawing,
-    DrawnViews,
-    FileColours,
-    draw_views,
-    far_with_notes,
-    warn,
-)
+from bench.draw.cloud import Background, Drawing, DrawnViews, draw_views, warn
+from bench.draw.cloud_file import CloudFile, FileColours, far_with_notes
 from bench.draw.thread import on_drawing_thread
 from bench.running.work import load_renderer
 from data_prep.clouds.normalise import cloud_of_points, real_points

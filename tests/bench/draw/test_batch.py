@@ -4,7 +4,8 @@ import numpy as np
 import pytest
 from PIL import Image
 
-from bench.draw.cloud import CloudFile, Dots, Drawing, LoadedCloud, draw_each, draw_file
+from bench.draw.cloud import Dots, Drawing, draw_each, draw_file
+from bench.draw.cloud_file import CloudFile, LoadedCloud
 from bench.draw.files import images_of_clouds
 from data_prep.failures import BadInput
 from data_prep.files.clouds import save_ply

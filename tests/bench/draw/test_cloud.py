@@ -13,7 +13,8 @@ import bench.draw.cloud
 from bench.catalogue.methods import find_method
 from bench.catalogue.suites import Limits
 from bench.commands.render import with_remedy
-from bench.draw.cloud import CloudFile, Drawing, Failed, draw_file, draw_in_process
+from bench.draw.cloud import Drawing, Failed, draw_file, draw_in_process
+from bench.draw.cloud_file import CloudFile
 from bench.draw.finish import LABEL_HEIGHT, MARGIN, PROBLEM_GROUND
 from data_prep.clouds.normalise import normalise_points
 from data_prep.failures import BadInput

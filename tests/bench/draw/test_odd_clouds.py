@@ -7,7 +7,7 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from bench.draw.cloud import CloudFile
+from bench.draw.cloud_file import CloudFile
 from data_prep.clouds.normalise import normalise_points
 from data_prep.files.clouds import save_ply
 

@@ -6,7 +6,7 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from bench.draw.cloud import CloudFile
+from bench.draw.cloud_file import CloudFile
 from bench.draw.orientation_hints import looks_like_a_line, looks_lying
 from data_prep.clouds.normalise import normalise
 from data_prep.clouds.sampling import sample_surface

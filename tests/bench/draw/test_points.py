@@ -13,7 +13,8 @@ import pytest
 import torch
 
 import bench
-from bench.draw.cloud import CloudFile, Drawing, Failed, draw_in_process
+from bench.draw.cloud import Drawing, Failed, draw_in_process
+from bench.draw.cloud_file import CloudFile
 from data_prep.clouds.normalise import normalise_points
 from data_prep.failures import BadInput, StageFailure
 from data_prep.randomness import generator

@@ -16,7 +16,8 @@ from pathlib import Path
 import numpy as np
 
 import bench
-from bench.draw.cloud import CloudFile, Drawing, draw_file
+from bench.draw.cloud import Drawing, draw_file
+from bench.draw.cloud_file import CloudFile
 from bench.draw.thread import on_drawing_thread
 from data_prep.failures import BadInput
 from data_prep.randomness import generator
