@@ -76,9 +76,9 @@ _TOGETHER = 512  # patches that are computed together: they fit into a processor
 # Estimation of the noise.
 _LEAST_POINTS = 30  # of fewer points no noise is estimated
 _SAMPLE = 2048  # points that noise is estimated from: as many as the constants were chosen for
-_PATCHES = (24, 48, 96, 192)  # points of a patch, from the smallest to the largest that is tried
+PATCHES = (24, 48, 96, 192)  # points of a patch, from the smallest to the largest that is tried
 _LARGEST_SHARE = 8  # larger patches than the smallest have at most 1/8 of the points
-_WIDE = 0.27  # patches are wide enough if the noise is at most this share of their radius
+WIDE = 0.27  # patches are wide enough if the noise is at most this share of their radius
 _FLAT = 0.3  # quantile of the patches' variances that is taken as m2
 _NOISE_KURTOSIS, _PLATE_KURTOSIS = 2.5, 1.0  # q of pure noise, and of a plate without noise
 _PLANE_FREEDOMS = 3  # parameters of a fitted plane: a patch of k heights has k - 3 free ones
@@ -143,17 +143,17 @@ def smoothed(near: Nearest, neighbours: int, rounds: int) -> Floats:
     points = near.points
     _, index = near.within(neighbours)
     for _ in range(rounds):
-        points = _projected(points, index)
+        points = projected(points, points, index)
     return points
 
 
-def _projected(points: Floats, index: NDArray[np.intp]) -> Floats:
-    """Return points [N, 3] projected once onto height fields.
+def projected(points: Floats, surroundings: Floats, index: NDArray[np.intp]) -> Floats:
+    """Return points [P, 3] projected once onto height fields of their surroundings [N, 3].
 
-    index  [N, k], the neighbours of each point, the point itself first
+    index  [P, k], the rows of `surroundings` that each point's height field is fitted to
     """
-    projected = np.empty_like(points)
-    for some, offsets in _patches(points, index):
+    moved = np.empty_like(points)
+    for some, offsets in _patches(points, surroundings, index):
         x, y, z = offsets
         squares = x * x + y * y + z * z
         farthest = np.sqrt(np.maximum(squares.max(axis=1), np.finfo(np.float64).tiny))[:, None]
@@ -169,8 +169,8 @@ def _projected(points: Floats, index: NDArray[np.intp]) -> Floats:
         matrix = weighted @ np.swapaxes(terms, 1, 2) + ridge
         # The constant term is the height of the field at the point itself, where a = b = 0.
         fit = np.linalg.solve(matrix, weighted @ height[..., None])[:, 0]
-        projected[some] = points[some] + fit * farthest * normal
-    return projected
+        moved[some] = points[some] + fit * farthest * normal
+    return moved
 
 
 def dense_part(points: Floats, share: float, neighbours: int) -> Floats:
@@ -206,23 +206,25 @@ def noise_scale(near: Nearest) -> float:
     count = len(near.points)
     if count < _LEAST_POINTS:
         return 0.0
-    smallest, *larger = _PATCHES
+    smallest, *larger = PATCHES
     sizes = [smallest, *(k for k in larger if k <= count // _LARGEST_SHARE)]
     estimate = 0.0
     for k in sizes:
         # On most clean clouds the smallest patch is wide enough. Where it is not, one search finds
         # the neighbours of all other sizes.
         distance, index = near.within(smallest if k == smallest else sizes[-1])
-        estimate, share = _estimate(near.points, distance[:, k - 1], index[:, :k])
-        if share <= _WIDE:
+        estimate, share = noise_in_patches(near.points, distance[:, k - 1], index[:, :k])
+        if share <= WIDE:
             break
     return estimate
 
 
-def _estimate(points: Floats, radius: Floats, index: NDArray[np.intp]) -> tuple[float, float]:
-    """Return the noise by patches of one size, and its ratio to their median radius.
+def noise_in_patches(
+    points: Floats, radius: Floats, index: NDArray[np.intp]
+) -> tuple[float, float]:
+    """Return the noise of points [N, 3] by patches of one size, and its ratio to their radius.
 
-    radius  [P], above 0, of each patch
+    radius  [P], above 0, of each patch; the ratio is to their median
     index   [P, k], the points of each patch
     """
     variance, kurtosis = moments(points, index)
@@ -241,7 +243,7 @@ def moments(points: Floats, index: NDArray[np.intp]) -> tuple[Floats, Floats]:
     Where all heights of a patch are 0 the kurtosis is that of a plate, 1.
     """
     second, fourth = np.empty(len(index)), np.empty(len(index))
-    for some, offsets in _patches(points, index):
+    for some, offsets in _patches(points[index[:, 0]], points, index):
         x, y, z = (offset - offset.mean(axis=1, keepdims=True) for offset in offsets)
         normal = _least_axes((x, y, z), np.ones_like(x))
         squares = (x * normal[:, :1] + y * normal[:, 1:2] + z * normal[:, 2:]) ** 2
@@ -253,19 +255,20 @@ def moments(points: Floats, index: NDArray[np.intp]) -> tuple[Floats, Floats]:
 
 
 def _patches(
-    points: Floats, index: NDArray[np.intp]
+    origins: Floats, points: Floats, index: NDArray[np.intp]
 ) -> Iterator[tuple[slice, tuple[Floats, Floats, Floats]]]:
-    """Yield patches, _TOGETHER at a time, as offsets of their points from the first one.
+    """Yield patches, _TOGETHER at a time, as offsets of their points from their origins [P, 3].
 
-    index  [P, k], the points of each patch
+    points  [N, 3]
+    index   [P, k], the rows of `points` in each patch
 
     Each item has the slice of `index` that it is of, and the offsets [_TOGETHER, k] in x, y and z.
     """
     columns = np.ascontiguousarray(points.T)
     for start in range(0, len(index), _TOGETHER):
         some = slice(start, start + _TOGETHER)
-        near = (column.take(index[some]) for column in columns)
-        x, y, z = (place - place[:, :1] for place in near)
+        near = [column.take(index[some]) for column in columns]
+        x, y, z = (place - origins[some, axis, None] for axis, place in enumerate(near))
         yield some, (x, y, z)
 
 

@@ -31,7 +31,15 @@ class FoldedSplatNet:
 
         The channels [P, C, S, S] are of `dtype`. `points` are not used.
         """
-        planes, albedo = self._planes(channels)
+        return self.images_of(*self.planes(channels))
+
+    def coverage(self, channels: Tensor, points: Tensor | None = None) -> Tensor:
+        """Return the share of each pixel that is covered, float32 [P, S, S, 1], of such images."""
+        return self.coverage_of(self.planes(channels)[0])
+
+    @staticmethod
+    def images_of(planes: Tensor, albedo: Tensor | None) -> Tensor:
+        """Return the images [P, S, S, 3] of what `planes` returns."""
         alpha, missing = planes[:, 0], planes[:, 1:].expand(-1, 3, -1, -1)
         if albedo is not None:
             missing = 1 - shading_of(1 - missing) * albedo
@@ -41,9 +49,8 @@ class FoldedSplatNet:
             torch.addcmul(white, alpha, colour, value=-1, out=image)
         return images
 
-    def coverage(self, channels: Tensor, points: Tensor | None = None) -> Tensor:
-        """Return the share of each pixel that is covered, float32 [P, S, S, 1], of such images."""
-        planes, _ = self._planes(channels)
+    def coverage_of(self, planes: Tensor) -> Tensor:
+        """Return the coverage [P, S, S, 1] of the first of what `planes` returns."""
         alpha = planes[:, 0]
         if self.network.config.heads == ("grey",):
             # Nothing in neutral grey is brighter than that: what a brighter cover lets through is
@@ -51,7 +58,7 @@ class FoldedSplatNet:
             alpha = alpha * (planes[:, 1] / (1 - NEUTRAL)).clamp(max=1.0)
         return alpha[..., None]
 
-    def _planes(self, channels: Tensor) -> tuple[Tensor, Tensor | None]:
+    def planes(self, channels: Tensor) -> tuple[Tensor, Tensor | None]:
         """Return alpha and 1 less the first head [P, planes, S, S], 0..1, and any albedo."""
         config = self.network.config
         output = self.network(channels).float()

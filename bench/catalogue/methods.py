@@ -302,7 +302,8 @@ def _methods() -> Iterator[Method]:
               means that it always draws the same images
     version   increase this number by hand with a change of the code that changes the images. It is
               empty for a network, which has the version of its package
-    sizes     the sides in pixels of its images, or "any" for ANY_SIZE
+    sizes     the sides in pixels of its images, "any" for ANY_SIZE, or the least with a "+", as in
+              "128+", for all from there on
     renderer  for a network its package, as named in `_WITH_WEIGHTS_FILE`; else a class below
               `baselines`, as MODULE:NAME
     needs     for a network the name of its bundled weights; else the libraries whose versions its
@@ -322,9 +323,18 @@ def _methods() -> Iterator[Method]:
         else:
             fields["identity"] = partial(loaders.versions, *needs.split())
             fields["load"] = partial(loaders.renderer, renderer)
-        fields["sizes"] = ANY_SIZE if sizes == "any" else tuple(map(int, sizes.split()))
+        fields["sizes"] = _sizes(sizes)
         fields |= {"version": int(version)} | _BY_HAND.get(row["id"], {})
         yield Method(**row, **fields)
+
+
+def _sizes(text: str) -> Sequence[int]:
+    """Return the sides in pixels that the table's column `sizes` names."""
+    if text == "any":
+        return ANY_SIZE
+    if text.endswith("+"):
+        return range(int(text.removesuffix("+")), ANY_SIZE.stop)
+    return tuple(map(int, text.split()))
 
 
 METHODS = tuple(_methods())
