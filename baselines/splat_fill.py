@@ -42,9 +42,10 @@ from baselines.reconstruction.denoised import (
     noise_scale,
     searched,
 )
-from baselines.reconstruction.stages import at_most, check_points, spacing
+from baselines.reconstruction.stages import check_points, spacing
 from baselines.splat import MAX_RADIUS_PX
 from data_prep.arrays import Floats
+from data_prep.clouds.sampling import at_most
 from data_prep.rendering.camera import CAMERA_DISTANCE, FOCAL_PX, camera_to_world, project
 from data_prep.scene import IMAGE_SIZE, NEUTRAL_GREY, Images, PointCloud, View
 

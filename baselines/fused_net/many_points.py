@@ -22,7 +22,8 @@ from typing import NamedTuple
 
 from baselines.reconstruction.alpha_wrap import MOST_WRAPPED, AlphaWrap, is_smooth
 from baselines.reconstruction.dense import noise_to_remove, smoothed_subset
-from baselines.reconstruction.stages import at_most, used_points
+from baselines.reconstruction.stages import used_points
+from data_prep.clouds.sampling import at_most
 from data_prep.failures import StageFailure
 from data_prep.scene import Mesh, PointCloud
 

@@ -10,7 +10,7 @@ from numpy.typing import NDArray
 from scipy.spatial import cKDTree
 
 from data_prep.arrays import Floats
-from data_prep.clouds.sampling import random_rows
+from data_prep.clouds.sampling import at_most
 from data_prep.failures import StageFailure
 from data_prep.rendering.camera import CAMERA_DISTANCE, FOCAL_PX
 from data_prep.rendering.images import to_float
@@ -104,14 +104,6 @@ def used_points(
         )
     used, notes = at_most(most, different)
     return used, (*left_out(seen, cloud), *notes)
-
-
-def at_most(most: int, points: Points) -> tuple[Points, tuple[str, ...]]:
-    """Return a random choice of `most` points, or all of fewer, and a note if some are left out."""
-    if len(points) <= most:
-        return points, ()
-    used = points[random_rows(len(points), most)]
-    return used, (f"input: {len(used)} of {len(points)} points used",)
 
 
 def left_out(seen: Points, cloud: PointCloud) -> tuple[str, ...]:

@@ -129,7 +129,8 @@ class RenderOptions:
     size: int = _option(
         IMAGE_SIZE,
         f"Width and height in pixels, {ANY_SIZE[0]} to {ANY_SIZE[-1]}. Surfaces and discs are "
-        "drawn at that size; images of networks are resampled to it, and a note says so.",
+        "drawn at that size, and details by fused-net; images of other networks are resampled to "
+        "it, and a note says so.",
         metavar="PIXELS",
         kind=str,
         convert=_size,
@@ -447,10 +448,10 @@ def render_clouds(
     """Draw the point clouds of files. Exit 1 if a cloud has no image as all its methods failed.
 
     Each method gets 120 seconds, 4 GiB of memory and all points; of a large scan at most 2,097,152.
-    Some methods use fewer, chosen at random: occupancy-net 2,048, pc2pix 8 x 1,024, alpha-wrap,
-    denoised-wrap, upsampled-wrap and splat-fill 8,192. Notes on stderr say how many, and what else
-    a method did to the points. Surface reconstruction of 100,000 points takes about half a minute,
-    surface-fit less; --points takes fewer.
+    Some methods use fewer, chosen at random: occupancy-net 2,048, pc2pix 8 x 1,024, fused-net,
+    splat-net, denoised-wrap, upsampled-wrap and splat-fill 8,192, alpha-wrap 32,768. Notes on
+    stderr say how many, and what else a method did to the points. Surface reconstruction of 100,000
+    points takes about half a minute, surface-fit less; --points takes fewer.
     """
     allow_modules(options.method or ())
     result = render(clouds, options)

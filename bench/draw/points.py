@@ -373,7 +373,8 @@ def draw_cloud(
         "auto", "cpu" or "cuda", for networks.
     size : int
         Side of the images in pixels, 16 to 2048; the default is 128. Surfaces and discs are drawn
-        at that size; images of networks are resampled to it, and a warning says so.
+        at that size, and details by fused-net; images of other networks are resampled to it, and a
+        warning says so.
     background : str
         "white", or "transparent", with the opacity as a fourth channel.
     drop_invalid : bool

@@ -9,7 +9,7 @@ from numpy.typing import NDArray
 
 from data_prep.failures import BadInput
 from data_prep.randomness import generator
-from data_prep.scene import CLOUD_SIZE, Mesh, PointCloud, View
+from data_prep.scene import CLOUD_SIZE, Mesh, PointCloud, Points, View
 
 AZIMUTH_RANGE_DEG = (-180.0, 180.0)
 ELEVATION_RANGE_DEG = (-40.0, 40.0)
@@ -99,6 +99,14 @@ def random_rows(count: int, most: int) -> NDArray[np.int64]:
         rows.append(first + np.sort(rng.choice(here, taken, replace=False)))
         wanted -= taken
     return np.concatenate(rows)
+
+
+def at_most(most: int, points: Points) -> tuple[Points, tuple[str, ...]]:
+    """Return a random choice of `most` points, or all of fewer, and a note if some are left out."""
+    if len(points) <= most:
+        return points, ()
+    used = points[random_rows(len(points), most)]
+    return used, (f"input: {len(used)} of {len(points)} points used",)
 
 
 def random_subset(cloud: PointCloud, count: int, rng: np.random.Generator) -> PointCloud:
