@@ -1,4 +1,4 @@
-"""Planes fitted to the neighbourhoods of points, at several scales.
+"""Neighbourhoods of points: the distance to the nearest, and planes fitted at several scales.
 
 A scale is a number of hops. At one hop a neighbourhood is the `NEIGHBOURS` nearest points of a
 point. At two hops it is the neighbourhoods of all of these, taken as one distribution of points;
@@ -13,14 +13,20 @@ from dataclasses import dataclass
 
 import numpy as np
 from scipy.sparse import csr_array
-from scipy.spatial import KDTree
+from scipy.spatial import KDTree, cKDTree
 
 from baselines.eigenpairs import smallest_eigenpairs
 from data_prep.arrays import Floats
+from data_prep.clouds.sampling import random_rows
+from data_prep.clouds.sorting import repeats, sorted_points
+from data_prep.scene import Points
 
 # Points of a neighbourhood at one hop, the point itself included. The paper's reconstruction
 # estimates normals from as many.
 NEIGHBOURS = 10
+# Points of which the nearest other one is searched for: the median is then found in milliseconds,
+# with a standard error of 0.8 % on a random sample of a surface.
+_MOST_SEARCHED = 8192
 _UPPER = np.triu_indices(3)  # rows and columns of the upper triangle of a 3x3 matrix
 
 
@@ -37,6 +43,30 @@ class Planes:
     normals: Floats
     variation: Floats
     flattened: Floats
+
+
+def nearest_distance(points: Points) -> float:
+    """Return the median distance of finite points [N, 3] to the nearest other one.
+
+    It is 0 for fewer than two points. Of more than 8,192 points as many are drawn at random, which
+    are searched among all: of a random sample of a surface the result is then within some 2 % of
+    that of all. The order of the points does not matter.
+    """
+    if len(points) < 2:
+        return 0.0
+    ordered = sorted_points(points)
+    repeated = repeats(ordered)
+    # The search takes time in proportion to the points that coincide, because the tree cannot
+    # divide them. Their distance is known to be 0, so only the others are searched for.
+    coincide = repeated | np.append(repeated[1:], False)
+    some = random_rows(len(points), _MOST_SEARCHED)
+    distances = np.zeros(len(some))
+    alone = ~coincide[some]
+    # Boxes split in the middle take half the time of those split at the median of their points.
+    tree = cKDTree(ordered[~repeated], balanced_tree=False, compact_nodes=False)
+    if alone.any():
+        distances[alone] = tree.query(ordered[some[alone]], k=[2])[0][:, 0]
+    return float(np.median(distances))
 
 
 def fit_planes(place: Floats, hops: Sequence[int], workers: int = 1) -> Iterator[Planes]:

@@ -7,13 +7,13 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 from numpy.typing import NDArray
-from scipy.spatial import cKDTree
 
+from baselines.neighbourhoods import nearest_distance
 from baselines.reconstruction.stages import check_finite
 from data_prep.failures import StageFailure
 from data_prep.rendering.camera import CAMERA_DISTANCE, FOCAL_PX, project
 from data_prep.rendering.images import to_float
-from data_prep.scene import CLOUD_SIZE, IMAGE_SIZE, Images, PointCloud, Points, View
+from data_prep.scene import IMAGE_SIZE, Images, PointCloud, Points, View
 
 # Brightness of a disc, 0..1, at the point of the unit sphere nearest to the camera and at the
 # farthest. In between it falls linearly with the depth, so that depth can be seen.
@@ -22,7 +22,7 @@ NEAR_GREY, FAR_GREY = 0.75, 0.35
 # single one must not fill the image.
 MAX_RADIUS_PX = 16.0
 _NEAREST_DEPTH = 0.05 * CAMERA_DISTANCE  # points nearer to the camera than this are not drawn
-_MOST_PIXELS = 2**22  # pixels of all discs that are painted together: it bounds the memory
+_MOST_PIXELS = 2**22  # pixels of all discs that are painted together, in 100 MB of memory
 
 
 @dataclass(frozen=True)
@@ -43,8 +43,8 @@ class Discs:
 class Splat:
     """A renderer that draws each point as a disc, where nearer discs hide farther ones.
 
-    spread  the radius of the discs over the median distance of a point to the nearest other one, so
-            that sparser clouds get larger discs
+    spread  the radius of the discs over the median distance of a point to the nearest other one
+            (`baselines.neighbourhoods.nearest_distance`), so that sparser clouds get larger discs
     """
 
     spread: float = 1.0
@@ -63,9 +63,7 @@ class Splat:
         if len(points) == 0:
             raise StageFailure("input", "no points")
         check_finite(points)
-        if len(points) == 1:
-            return Discs(points, 0.0, cloud.colors)
-        return Discs(points, self.spread * float(np.median(_nearest(points))), cloud.colors)
+        return Discs(points, self.spread * nearest_distance(points), cloud.colors)
 
     def draw(
         self,
@@ -89,31 +87,11 @@ class Splat:
         return 1 - self.draw(black, views, size=size)[..., 0]
 
 
-def _nearest(points: Points) -> NDArray[np.float64]:
-    """Return the distance of each point to the nearest other one, [N], in no particular order.
-
-    N is at least 2.
-    """
-    if len(points) <= CLOUD_SIZE:
-        # Asked for as a list, the second neighbour alone: the first is the point itself.
-        distances = np.asarray(cKDTree(points).query(points, k=[2])[0])
-        return distances[:, 0]
-    # The search takes time in proportion to the points that coincide, because the tree cannot
-    # divide them. Their distance is known to be 0, so only the others are searched for.
-    distinct, counts = np.unique(points, axis=0, return_counts=True)
-    if len(distinct) == 1:
-        return np.zeros(len(points))
-    repeated = int(counts[counts > 1].sum())
-    distances, _ = cKDTree(distinct).query(distinct[counts == 1], k=[2])
-    return np.append(np.zeros(repeated), distances)
-
-
 def _paint(discs: Discs, view: View, size: int) -> NDArray[np.float32]:
-    """Return an image [size, size, 3] of the discs on white, painted from far to near."""
+    """Return an image [size, size, 3 or 1] of the discs on white, painted from far to near."""
     zoom = size / IMAGE_SIZE
     pixels, depth = project(discs.centres, view)
     pixels, largest_radius = zoom * pixels, zoom * MAX_RADIUS_PX
-    image = np.ones((size, size, 3), np.float32)
     reaches = ((pixels > -largest_radius) & (pixels < size + largest_radius)).all(axis=1)
     visible = np.flatnonzero((depth > _NEAREST_DEPTH) & reaches)
     order = visible[np.argsort(-depth[visible], kind="stable")]
@@ -121,25 +99,60 @@ def _paint(discs: Discs, view: View, size: int) -> NDArray[np.float32]:
     # At least half a pixel's diagonal, so that every disc covers the centre of a pixel.
     radius = np.clip(zoom * discs.radius * FOCAL_PX / depth, np.sqrt(0.5), largest_radius)
     ink = _greys(depth) if discs.colors is None else to_float(discs.colors[order])
+    white = np.ones((1, ink.shape[1]), np.float32)
+    shown = _nearest_discs(pixels, radius, size)
+    return np.concatenate([white, ink]).take(shown, axis=0)
 
-    # All pixels of the square around a disc are tested, for many discs at a time.
+
+def _nearest_discs(
+    centres: NDArray[np.float64], radius: NDArray[np.float64], size: int
+) -> NDArray[np.int32]:
+    """Return the disc that each pixel of an image [size, size] shows, from 1; 0 for none.
+
+    A pixel shows the last of the discs whose radius [N] reaches its middle, all in pixels.
+
+    centres  [N, 2], column and row, from the farthest disc to the nearest
+    """
+    shown = np.zeros(size * size, np.int32)
     reach = int(np.ceil(radius.max(initial=0.0)))
-    offsets = np.arange(-reach, reach + 1)
-    square = np.stack(np.meshgrid(offsets, offsets, indexing="ij"), axis=-1).reshape(-1, 2)
-    centres = pixels[:, ::-1]  # row, column
-    step = max(1, _MOST_PIXELS // len(square))
+    step = max(1, _MOST_PIXELS // (2 * reach + 1) ** 2)
     for first in range(0, len(centres), step):
         some = slice(first, first + step)
-        cells = np.floor(centres[some]).astype(np.int64)[:, None, :] + square[None]  # [N, S, 2]
-        away = cells + 0.5 - centres[some, None]  # of the pixels' middles from the disc's centre
-        distance = np.hypot(away[..., 0], away[..., 1])
-        within = ((cells >= 0) & (cells < size)).all(axis=-1)
-        inside = (distance <= radius[some, None]) & within
-        point, _ = np.nonzero(inside)  # sorted by point, that is from far to near
-        rows, columns = cells[inside].T
-        # Where an index occurs more than once NumPy keeps the last value, that of the nearest disc.
-        image[rows, columns] = ink[some][point]
-    return image
+        disc, pixel = _covered(centres[some], radius[some], size)
+        # Where a pixel occurs more than once NumPy keeps the last value, that of the nearest disc.
+        shown[pixel] = disc + np.int32(first + 1)
+    return shown.reshape(size, size)
+
+
+def _covered(
+    centres: NDArray[np.float64], radius: NDArray[np.float64], size: int
+) -> tuple[NDArray[np.int32], NDArray[np.int32]]:
+    """Return the pixels whose middles discs cover, and the disc of each, both [P], disc by disc.
+
+    In each of its rows a disc covers pixels that lie side by side, so that only the ends of these
+    are computed, and no pixel is tested.
+    """
+    column, row = centres.T - 0.5  # the middle of pixel i has the coordinate i
+    top, rows = _whole_numbers(row - radius, row + radius, size)
+    disc, line = np.repeat(np.arange(len(rows), dtype=np.int32), rows), _counted(top, rows)
+    half = np.sqrt(np.maximum(radius[disc] ** 2 - (line - row[disc]) ** 2, 0.0))
+    left, columns = _whole_numbers(column[disc] - half, column[disc] + half, size)
+    return np.repeat(disc, columns), _counted(line * np.int32(size) + left, columns)
+
+
+def _whole_numbers(
+    low: NDArray[np.float64], high: NDArray[np.float64], size: int
+) -> tuple[NDArray[np.int32], NDArray[np.int32]]:
+    """Return the first whole number of 0 to size - 1 in each range [R], and how many there are."""
+    first = np.ceil(low).clip(0, size).astype(np.int32)
+    last = np.floor(high).clip(-1, size - 1).astype(np.int32)
+    return first, (last - first + 1).clip(0)
+
+
+def _counted(first: NDArray[np.int32], count: NDArray[np.int32]) -> NDArray[np.int32]:
+    """Return `count` [R] numbers from `first` [R] on, for one after the other, [sum of counts]."""
+    before = np.cumsum(count, dtype=np.int32) - count
+    return np.arange(count.sum(), dtype=np.int32) + np.repeat(first - before, count)
 
 
 def _greys(depth: NDArray[np.floating]) -> NDArray[np.float32]:

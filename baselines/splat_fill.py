@@ -46,6 +46,7 @@ from baselines.reconstruction.stages import check_points, spacing
 from baselines.splat import MAX_RADIUS_PX
 from data_prep.arrays import Floats
 from data_prep.clouds.sampling import at_most
+from data_prep.clouds.sorting import different_points
 from data_prep.rendering.camera import CAMERA_DISTANCE, FOCAL_PX, camera_to_world, project
 from data_prep.scene import IMAGE_SIZE, NEUTRAL_GREY, Images, PointCloud, View
 
@@ -95,7 +96,7 @@ class SplatFill:
         """
         del rng
         check_points(cloud.points, 1, "images")
-        different = np.unique(cloud.points, axis=0)
+        different = different_points(cloud.points)
         points, notes = at_most(MOST_POINTS, different)
         near, sample = searched(points)
         noise, between = noise_scale(sample), spacing(near)

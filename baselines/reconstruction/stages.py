@@ -11,6 +11,7 @@ from scipy.spatial import cKDTree
 
 from data_prep.arrays import Floats
 from data_prep.clouds.sampling import at_most
+from data_prep.clouds.sorting import different_points
 from data_prep.failures import StageFailure
 from data_prep.rendering.camera import CAMERA_DISTANCE, FOCAL_PX
 from data_prep.rendering.images import to_float
@@ -95,7 +96,7 @@ def used_points(
     """
     check_points(cloud.points, least, what)
     seen = in_sight(cloud.points)
-    different = np.unique(seen, axis=0)
+    different = different_points(seen)
     if len(different) < least:
         raise StageFailure(
             "input",

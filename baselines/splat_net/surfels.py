@@ -14,6 +14,7 @@ from numpy.typing import NDArray
 from torch import Tensor
 
 from baselines.neighbourhoods import fit_planes
+from data_prep.clouds.sorting import different_points
 
 HOPS = (1, 2, 4)  # hops of the neighbourhoods at the three scales
 FLATTENED = (1, 2)  # scales, as indices into HOPS, onto whose planes points are also moved
@@ -60,7 +61,7 @@ def find_surfels(
     Where all points of a neighbourhood coincide, its normal is an arbitrary unit vector, and its
     variation is 0.
     """
-    place = np.unique(points, axis=0).astype(np.float64)
+    place = different_points(points).astype(np.float64)
     if not surfaces:
         no_scale = torch.empty((len(place), 0, 3))
         return Surfels(

@@ -12,10 +12,9 @@ from collections.abc import Sequence
 
 import numpy as np
 from numpy.typing import NDArray
-from scipy.spatial import cKDTree
 
+from baselines.neighbourhoods import nearest_distance
 from baselines.splat_fill import closed_depths, pull_push
-from data_prep.clouds.sampling import random_rows
 from data_prep.rendering.camera import CAMERA_DISTANCE, FOCAL_PX, project
 from data_prep.rendering.images import to_float, to_uint8
 from data_prep.scene import IMAGE_SIZE, NEUTRAL_GREY, PointCloud, UInt8Images, View
@@ -27,7 +26,6 @@ _COVERING = 2.5  # how far around itself, in the image, a point hides others
 _BEHIND = 0.5  # a point farther than this behind the points that hide it gives no colour
 _SHARE = 0.5  # weight of a point in its pixel: two points fill it, the rest comes from around
 _MOST_COVERING_PX = 16.0  # in an image of IMAGE_SIZE: the most pixels that a point hides others in
-_MOST_SEARCHED = 4096  # points whose nearest neighbours give the spacing
 _NEAREST_DEPTH = 0.05 * CAMERA_DISTANCE  # points nearer to the camera than this give no colour
 
 
@@ -43,7 +41,7 @@ def in_colours(
     coverage  float32 [V, S, S], 0..1: how much of each pixel the surface covers
     cloud     finite points [N, 3] with colours
     """
-    spacing = spacing_of(cloud)
+    spacing = nearest_distance(cloud.points)
     out = np.empty_like(images)
     for i, view in enumerate(views):
         uncovered = 1.0 - coverage[i, ..., None]
@@ -54,21 +52,11 @@ def in_colours(
     return out
 
 
-def spacing_of(cloud: PointCloud) -> float:
-    """Return the median distance between a point and its nearest neighbour; 0 for one point."""
-    if len(cloud) < 2:
-        return 0.0
-    some = cloud.points[random_rows(len(cloud), _MOST_SEARCHED)]
-    # The second nearest is asked for, as the nearest is the point itself.
-    distances, _ = cKDTree(cloud.points).query(some, k=[2])
-    return float(np.median(distances))
-
-
 def colours_seen(cloud: PointCloud, spacing: float, view: View, size: int) -> NDArray[np.float64]:
     """Return the colours of a cloud from a view, float64 [size, size, 3] in 0..1, without gaps.
 
     cloud    finite points [N, 3] with colours
-    spacing  the distance between neighbouring points, as `spacing_of` returns it
+    spacing  the distance between neighbouring points, as `nearest_distance` returns it
 
     A pixel whose points are seen has their mean colour, mixed with that of its surroundings; any
     other pixel has that of its surroundings. A view that shows no point is neutral grey.

@@ -11,8 +11,9 @@ import pytest
 from PIL import Image
 
 import bench
+from baselines.neighbourhoods import nearest_distance
 from bench.draw.cloud import Drawing, draw_in_process
-from bench.draw.colours import colours_seen, in_colours, spacing_of
+from bench.draw.colours import colours_seen, in_colours
 from data_prep.clouds.normalise import normalise_points
 from data_prep.failures import BadInput
 from data_prep.randomness import generator
@@ -37,7 +38,7 @@ def together(*clouds: PointCloud) -> PointCloud:
 
 def seen(cloud: PointCloud, view: View, size: int = 128) -> np.ndarray:
     """Return the colours that a view sees, in 0 to 255."""
-    return 255 * colours_seen(cloud, spacing_of(cloud), view, size)
+    return 255 * colours_seen(cloud, nearest_distance(cloud.points), view, size)
 
 
 def two_planes(front_step: float) -> PointCloud:
