@@ -103,8 +103,8 @@ class RenderOptions:
     )
     budget: float | None = _option(  # in milliseconds
         None,
-        "Time for one image of a new cloud, which chooses the method by measured costs and scores. "
-        "Default: no limit.",
+        "Time for one image of a new cloud, which chooses the method by the points of the file and "
+        "by measured costs and scores. Default: no limit.",
         metavar="50ms|0.2s",
         kind=str | None,
         convert=lambda text: None if text is None else budget_ms_of(text),
@@ -182,6 +182,8 @@ class RenderOptions:
     @property
     def methods(self) -> tuple[str, ...]:
         """Return the methods of --method, each once, or else the one that the options choose.
+
+        Of a budget it is the one for 2,048 points; `Drawing` chooses for those of the file.
 
         Raises BadInput where no method is fast enough for --budget, and for options that exclude
         each other.
@@ -266,11 +268,13 @@ def cloud_file(cloud: Path, options: RenderOptions) -> CloudFile:
 
 
 def notes_on(options: RenderOptions) -> Notes:
-    """Return notes on the methods, and on those that draw another size, which is resampled."""
-    return (
-        *notes_on_methods(options.methods, options.budget),
-        *notes_on_size(options.methods, options.size),
-    )
+    """Return notes on the methods, and on those that draw another size, which is resampled.
+
+    With a budget there are none: each file has its own method, and the notes on it say which.
+    """
+    if options.budget is not None:
+        return ()
+    return (*notes_on_methods(options.methods), *notes_on_size(options.methods, options.size))
 
 
 class _RenderResult(NamedTuple):
@@ -314,7 +318,14 @@ def render(clouds: Sequence[Path], options: RenderOptions) -> _RenderResult:
             )
     size, background = options.size, options.background
     drawings = [
-        Drawing(method, views, options.device, size=size, background=background)
+        Drawing(
+            method,
+            views,
+            options.device,
+            size=size,
+            background=background,
+            budget_ms=options.budget,
+        )
         for method in options.methods
     ]
     wanted: list[Wanted] = list(drawings)
@@ -371,7 +382,8 @@ def _failures(file: CloudFile, drawn: Mapping[Wanted, Drawn], named: bool) -> li
     lines = []
     for request, images in drawn.items():
         if isinstance(request, Drawing) and isinstance(images, Failed):
-            line = f"{request.method}: {with_remedy(images, file)}"
+            method = request.method if request.budget_ms is None else "the budget's method"
+            line = f"{method}: {with_remedy(images, file)}"
             lines.append(f"{file.path}: {line}" if named else line)
     return lines
 
@@ -462,10 +474,11 @@ def render_clouds(
     count = result.drawn + result.without_image
     if result.without_image and count > 1:
         print(f"bench: {result.without_image} of {count} clouds have no image", file=sys.stderr)
-    if result.images and (options.out is None or options.method is None):
+    # The method that a budget chose stands in a note on each file.
+    if result.images and options.budget is None and None in (options.out, options.method):
         methods = visible(", ".join(options.methods))
         # --budget is no advice where colours are wanted: it chooses among methods that draw grey.
-        by_default = options.method is options.budget is None and options.colour != "invented"
+        by_default = options.method is None and options.colour != "invented"
         faster = "--budget 50ms is faster, " if by_default else ""
         print(f"drawn by {methods}; {faster}'bench list' has others", file=sys.stderr)
     for image in result.images:

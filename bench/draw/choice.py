@@ -4,9 +4,10 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 
-from bench.catalogue.chosen import best_within
+from bench.catalogue.chosen import MOST_MEASURED, best_within
 from bench.catalogue.methods import RECOMMENDED, RECOMMENDED_IN_COLOUR, Method, find_method
 from data_prep.failures import BadInput
+from data_prep.scene import CLOUD_SIZE
 
 COLOUR_METHOD = "splat"  # the method that draws the colours of points itself, as discs
 # Lines for the user, on what is left out of a file, and on what a method did to the points.
@@ -58,8 +59,8 @@ def methods_to_draw(
 ) -> tuple[str, ...]:
     """Return the methods, each once; where none is named, the one to choose.
 
-    That is the best one within the budget; without a budget it is the recommended method for
-    objects of any class.
+    That is the best one of 2,048 points within the budget (`within_budget` chooses for others);
+    without a budget it is the recommended method for objects of any class.
 
     in_colour  whether the method has to draw in colours, which a network makes up, instead of grey
     budget_ms  the most milliseconds for an image, or None
@@ -89,16 +90,25 @@ def methods_to_draw(
     return (RECOMMENDED_IN_COLOUR if in_colour else RECOMMENDED,)
 
 
-def notes_on_methods(methods: Sequence[str], budget_ms: float | None = None) -> Notes:
-    """Return a line on the method that a budget chose, and one on methods that know only chairs."""
+def within_budget(budget_ms: float, points: int) -> tuple[str, str]:
+    """Return the method that a budget chooses for a number of points, and a line that says why.
+
+    Raises BadInput for a budget that no method meets.
+    """
+    chosen = best_within(budget_ms, points)
+    note = (
+        f"budget {budget_ms:g}ms: {chosen.method}, of the measured methods within it the best "
+        f"on real meshes (score {chosen.score:.3f}); {chosen.one_view_ms:.3g} ms for one image "
+        f"of {max(points, CLOUD_SIZE):,} points, where it was measured"
+    )
+    if points > MOST_MEASURED:
+        note += f" (extrapolated from {MOST_MEASURED:,} points)"
+    return chosen.method, note
+
+
+def notes_on_methods(methods: Sequence[str]) -> Notes:
+    """Return a line on methods that know only chairs."""
     notes = []
-    if budget_ms is not None:
-        chosen = best_within(budget_ms)
-        notes.append(
-            f"budget {budget_ms:g}ms: {chosen.method}, of the measured methods within it the best "
-            f"on real meshes (score {chosen.score:.3f}); {chosen.one_view_ms:.3g} ms for one image "
-            "of 2,048 points, where it was measured"
-        )
     if chairs := [name for name in methods if find_method(name).trained_on == "chairs"]:
         were = "was" if len(chairs) == 1 else "were"
         notes.append(

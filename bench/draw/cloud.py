@@ -8,7 +8,7 @@ from __future__ import annotations
 import warnings
 from collections import deque
 from collections.abc import Iterable, Iterator, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from functools import partial
 from typing import Any, Literal, NamedTuple, get_args
 
@@ -17,7 +17,7 @@ from numpy.typing import NDArray
 
 from bench.catalogue.methods import ANY_SIZE, find_method
 from bench.catalogue.suites import Limits
-from bench.draw.choice import COLOUR_METHOD, Notes, find_drawer
+from bench.draw.choice import COLOUR_METHOD, Notes, find_drawer, notes_on_size, within_budget
 from bench.draw.cloud_file import CloudFile, LoadedCloud, check_count
 from bench.draw.colours import in_colours
 from bench.draw.finish import enlarged, guessed_coverage, resized, without_background
@@ -65,6 +65,9 @@ class Drawing:
     background : str
         "white"; or "transparent", for images uint8 [V, size, size, 4] whose last channel is their
         opacity.
+    budget_ms : float or None
+        For a file, milliseconds for an image that choose the method by the number of its points, in
+        place of `method`.
 
     Raises
     ------
@@ -79,6 +82,7 @@ class Drawing:
     rng: np.random.Generator | None = None
     size: int = IMAGE_SIZE
     background: Background = "white"
+    budget_ms: float | None = None
 
     def __post_init__(self) -> None:
         if not isinstance(self.size, int | np.integer) or self.size not in ANY_SIZE:
@@ -330,5 +334,13 @@ def _read_or_draw(task: _Task) -> LoadedCloud | tuple[Drawn, Notes]:
         return loaded
     if isinstance(wanted, Dots):
         return draw_dots(loaded.cloud.points, wanted.views), loaded.notes
+    of_choice: Notes = ()
+    if wanted.budget_ms is not None:
+        try:
+            method_id, note = within_budget(wanted.budget_ms, len(loaded.cloud))
+        except BadInput as error:
+            return BadInput(f"{file.path}: {error}"), ()
+        wanted = replace(wanted, method=method_id)
+        of_choice = (note, *notes_on_size((method_id,), wanted.size))
     drawn, notes = _draw(loaded.cloud, wanted)
-    return drawn, (*loaded.notes, *(f"{file.path}: {note}" for note in notes))
+    return drawn, (*loaded.notes, *(f"{file.path}: {note}" for note in (*of_choice, *notes)))

@@ -22,6 +22,7 @@ from bench.draw.choice import (
     methods_to_draw,
     notes_on_methods,
     notes_on_size,
+    within_budget,
 )
 from bench.draw.cloud import Background, Drawing, DrawnViews, draw_views, warn
 from bench.draw.cloud_file import CloudFile, FileColours, far_with_notes
@@ -145,7 +146,11 @@ def _draw(
             if colour == "file" and cloud.colors is None:
                 raise BadInput('points: no colours of them; give colors=, or leave out "file"')
         notes.extend(on_points)
-        notes.extend(notes_on_methods((method_id,), budget_ms))
+        if budget_ms is not None:
+            method_id, of_choice = within_budget(budget_ms, len(cloud))
+            drawing = replace(drawing, method=method_id)
+            notes.append(of_choice)
+        notes.extend(notes_on_methods((method_id,)))
         notes.extend(notes_on_size((method_id,), size))
         drawn = draw_views(load_renderer(method_id, device), cloud, drawing)
         notes.extend(drawn.notes)
@@ -364,8 +369,8 @@ def draw_cloud(
         Colours of an array of points, [N, 3]: 0 to 255, or fractions to 1. Of a DataFrame by
         default the columns named red, green and blue; of a file its own.
     budget_ms : float
-        The most milliseconds that one image of a new cloud may take, by costs measured on one
-        machine.
+        The most milliseconds that one image of a new cloud of so many points may take, by costs
+        measured on one machine.
     drop_far : bool
         Whether to leave out points far from all others, which make the object small; else a
         warning tells of them, the default.

@@ -13,6 +13,8 @@ from bench.catalogue.chosen import (
     budget_ms_of,
     cost_of,
     measured_methods,
+    times_by_points,
+    times_dearer,
 )
 from bench.catalogue.methods import COST_VARIANTS, METHODS, find_method
 
@@ -71,6 +73,40 @@ def test_scores_are_those_of_the_published_run():
 )
 def test_a_budget_buys_the_best_score(budget_ms, method):
     assert best_within(budget_ms).method == method
+
+
+@pytest.mark.parametrize(
+    ("points", "times"),
+    [
+        (1, 1),  # fewer points than any that were measured cost as much
+        (100, 1),
+        (1000, 10**0.5),  # in the middle of 100 and 10,000, of which the second costs 10 times
+        (10_000, 10),
+        (20_000, 20),  # from here on in proportion, and beyond the last one likewise
+        (40_000, 40),
+        (10**6, 1000),
+    ],
+)
+def test_costs_are_interpolated_in_logarithms_and_go_on_beyond(points, times):
+    measured = {40_000: 80.0, 100: 2.0, 10_000: 20.0}
+    assert times_dearer(measured, points) == pytest.approx(times, rel=1e-12)
+
+
+@pytest.mark.parametrize("points", [2048, 2049, 100_000, 10**6])
+def test_at_any_number_of_points_the_best_method_within_the_budget_is_chosen(points):
+    """By brute force over the tables."""
+    by_points = times_by_points()
+    costs = {}
+    for name, measured in TABLE.items():
+        if measured.score is not None and (points <= 2048 or len(by_points.get(name, ())) > 1):
+            dearer = times_dearer(by_points[name], points) if points > 2048 else 1
+            costs[name] = measured.one_view_ms * dearer
+    for budget_ms in (min(costs.values()), 300, 1000, 1e9):
+        within = [name for name, cost_ms in costs.items() if cost_ms <= budget_ms]
+        if within:
+            best = max(within, key=lambda name: TABLE[name].score)
+            chosen = best_within(budget_ms, points)
+            assert (chosen.method, chosen.one_view_ms) == (best, pytest.approx(costs[best]))
 
 
 @pytest.mark.parametrize(

@@ -2,16 +2,22 @@
 
 from __future__ import annotations
 
+import math
 from pathlib import Path
 
 import numpy as np
 import pytest
 
 import bench
-from bench.catalogue.chosen import measured_methods
+from bench.catalogue.chosen import (
+    best_within,
+    measured_methods,
+    times_by_points,
+    times_dearer,
+)
 from bench.catalogue.methods import RECOMMENDED, RECOMMENDED_IN_COLOUR
 from bench.commands.render import RenderOptions, views_of
-from bench.draw.choice import methods_to_draw, notes_on_methods
+from bench.draw.choice import methods_to_draw, notes_on_methods, within_budget
 from data_prep.failures import BadInput
 from data_prep.files.clouds import save_ply
 from data_prep.randomness import generator
@@ -56,16 +62,44 @@ def test_the_command_says_which_method_the_budget_chose(command, cloud, tmp_path
     out, again = tmp_path / "out.png", tmp_path / "again.png"
     status, printed, err = command("render", cloud, "--budget", "50ms", "-o", out)
     assert (status, printed) == (0, f"{out}\n")
-    note, drawn = err.splitlines()
     cost = measured_methods()["splat-net@grey"]  # its digits change with each measurement
-    assert note == (
-        "note: budget 50ms: splat-net@grey, of the measured methods within it the best on real "
-        f"meshes (score {cost.score:.3f}); {cost.one_view_ms:.3g} ms for one image of 2,048 "
-        "points, where it was measured"
+    assert err == (
+        f"note: {cloud}: budget 50ms: splat-net@grey, of the measured methods within it the best "
+        f"on real meshes (score {cost.score:.3f}); {cost.one_view_ms:.3g} ms for one image of "
+        "2,048 points, where it was measured\n"
     )
-    assert drawn == "drawn by splat-net@grey; 'bench list' has others"
     assert command("render", cloud, "--method", "splat-net@grey", "-o", again)[0] == 0
     assert again.read_bytes() == out.read_bytes()
+
+
+def test_the_number_of_points_of_each_file_decides(command, points, cloud, tmp_path):
+    """A time in which splat draws 600 points buys nothing of 20,000."""
+    many = tmp_path / "many.ply"
+    scales = np.linspace(0.9, 1, 40, dtype=np.float32)[:, None, None]
+    save_ply((scales * points).reshape(-1, 3)[:20_000], many)
+    out = tmp_path / "images"
+    status, _, err = command("render", cloud, many, "--budget", "7ms", "-o", out)
+    assert status == 1
+    few, none, count = [line for line in err.splitlines() if "budget" in line or "clouds" in line]
+    assert few.startswith(f"note: {cloud}: budget 7ms: splat, of the measured methods within it ")
+    dearer = times_dearer(times_by_points()["splat"], 20_000)
+    least = math.ceil(10 * dearer * measured_methods()["splat"].one_view_ms) / 10
+    assert none == (
+        f"bench: {many}: budget 7ms: the cheapest method is splat with {least:g} ms for one image "
+        f"of 20,000 points; give at least {least:g}ms"
+    )
+    assert count == "bench: 1 of 2 clouds have no image"
+
+
+@pytest.mark.parametrize(("points", "said"), [(1, "2,048"), (5000, "5,000"), (10**6, "1,000,000")])
+def test_a_note_tells_the_cost_at_that_number_of_points(points, said):
+    method, note = within_budget(1e6, points)
+    cost_ms = best_within(1e6, points).one_view_ms
+    assert note.startswith(f"budget 1e+06ms: {method}, ")
+    end = " (extrapolated from 262,144 points)" if points > 262_144 else ""
+    assert note.endswith(
+        f"; {cost_ms:.3g} ms for one image of {said} points, where it was measured{end}"
+    )
 
 
 def test_points_within_a_budget(points):
