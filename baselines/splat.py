@@ -11,9 +11,9 @@ from numpy.typing import NDArray
 from baselines.neighbourhoods import nearest_distance
 from baselines.reconstruction.stages import check_finite
 from data_prep.failures import StageFailure
-from data_prep.rendering.camera import CAMERA_DISTANCE, FOCAL_PX, project
+from data_prep.rendering.camera import NEAR, lens_of, origin_depth, project
 from data_prep.rendering.images import to_float
-from data_prep.scene import IMAGE_SIZE, Images, PointCloud, Points, View
+from data_prep.scene import IMAGE_SIZE, AnyView, Images, PointCloud, Points
 
 # Brightness of a disc, 0..1, at the point of the unit sphere nearest to the camera and at the
 # farthest. In between it falls linearly with the depth, so that depth can be seen.
@@ -21,7 +21,6 @@ NEAR_GREY, FAR_GREY = 0.75, 0.35
 # Largest radius of a disc, in pixels of an image of IMAGE_SIZE. In sparse clouds discs grow, and a
 # single one must not fill the image.
 MAX_RADIUS_PX = 16.0
-_NEAREST_DEPTH = 0.05 * CAMERA_DISTANCE  # points nearer to the camera than this are not drawn
 _MOST_PIXELS = 2**22  # pixels of all discs that are painted together, in 100 MB of memory
 
 
@@ -68,7 +67,7 @@ class Splat:
     def draw(
         self,
         state: Discs,
-        views: Sequence[View],
+        views: Sequence[AnyView],
         rng: np.random.Generator | None = None,
         size: int = IMAGE_SIZE,
     ) -> Images:
@@ -80,25 +79,29 @@ class Splat:
         return images
 
     def coverage(
-        self, state: Discs, views: Sequence[View], size: int = IMAGE_SIZE
+        self, state: Discs, views: Sequence[AnyView], size: int = IMAGE_SIZE
     ) -> NDArray[np.float32]:
         """Return 1 in the pixels [V, size, size] that a disc paints, and 0 in the others."""
         black = replace(state, colors=np.zeros(state.centres.shape, np.uint8))
         return 1 - self.draw(black, views, size=size)[..., 0]
 
 
-def _paint(discs: Discs, view: View, size: int) -> NDArray[np.float32]:
+def _paint(discs: Discs, view: AnyView, size: int) -> NDArray[np.float32]:
     """Return an image [size, size, 3 or 1] of the discs on white, painted from far to near."""
     zoom = size / IMAGE_SIZE
     pixels, depth = project(discs.centres, view)
     pixels, largest_radius = zoom * pixels, zoom * MAX_RADIUS_PX
     reaches = ((pixels > -largest_radius) & (pixels < size + largest_radius)).all(axis=1)
-    visible = np.flatnonzero((depth > _NEAREST_DEPTH) & reaches)
+    visible = np.flatnonzero((depth > NEAR) & reaches)
     order = visible[np.argsort(-depth[visible], kind="stable")]
     pixels, depth = pixels[order], depth[order]
     # At least half a pixel's diagonal, so that every disc covers the centre of a pixel.
-    radius = np.clip(zoom * discs.radius * FOCAL_PX / depth, np.sqrt(0.5), largest_radius)
-    ink = _greys(depth) if discs.colors is None else to_float(discs.colors[order])
+    radius_px = zoom * discs.radius * lens_of(view).mean_focal / depth
+    radius = np.clip(radius_px, np.sqrt(0.5), largest_radius)
+    if discs.colors is None:
+        ink = _greys(depth, origin_depth(view))
+    else:
+        ink = to_float(discs.colors[order])
     white = np.ones((1, ink.shape[1]), np.float32)
     shown = _nearest_discs(pixels, radius, size)
     return np.concatenate([white, ink]).take(shown, axis=0)
@@ -155,7 +158,7 @@ def _counted(first: NDArray[np.int32], count: NDArray[np.int32]) -> NDArray[np.i
     return np.arange(count.sum(), dtype=np.int32) + np.repeat(first - before, count)
 
 
-def _greys(depth: NDArray[np.floating]) -> NDArray[np.float32]:
+def _greys(depth: NDArray[np.floating], origin: float) -> NDArray[np.float32]:
     """Return the brightness [N, 1] of discs at depths [N]: the nearer, the lighter."""
-    share = np.clip((depth - (CAMERA_DISTANCE - 1)) / 2, 0.0, 1.0)
+    share = np.clip((depth - (origin - 1)) / 2, 0.0, 1.0)
     return (NEAR_GREY + (FAR_GREY - NEAR_GREY) * share).astype(np.float32)[:, None]

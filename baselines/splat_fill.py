@@ -47,8 +47,8 @@ from baselines.splat import MAX_RADIUS_PX
 from data_prep.arrays import Floats
 from data_prep.clouds.sampling import at_most
 from data_prep.clouds.sorting import different_points
-from data_prep.rendering.camera import CAMERA_DISTANCE, FOCAL_PX, camera_to_world, project
-from data_prep.scene import IMAGE_SIZE, NEUTRAL_GREY, Images, PointCloud, View
+from data_prep.rendering.camera import NEAR, camera_to_world, lens_of, origin_depth, project
+from data_prep.scene import IMAGE_SIZE, NEUTRAL_GREY, AnyView, Images, PointCloud
 
 # A spacing is the median distance between neighbouring points (`stages.spacing`).
 GAMMA = 2.2  # exponent between brightness and cosine, as in data_prep/rendering/mesh.frag
@@ -64,7 +64,6 @@ _COVERING = 1.5  # spacings: how far around itself, in the image, a point hides 
 BEHIND = 0.5  # spacings: a point farther than this behind the points that hide it is not drawn
 LEAST_SHARE = 1e-3  # smallest weight of a sample that is not hidden, however oblique it is
 SHARE = 0.25  # weight of a sample that faces the camera: four such samples fill a pixel
-_NEAREST_DEPTH = 0.05 * CAMERA_DISTANCE  # points nearer to the camera than this are not drawn
 
 
 @dataclass(frozen=True, eq=False)
@@ -111,7 +110,7 @@ class SplatFill:
     def draw(
         self,
         state: _OrientedPoints,
-        views: Sequence[View],
+        views: Sequence[AnyView],
         rng: np.random.Generator | None = None,
         size: int = IMAGE_SIZE,
     ) -> Images:
@@ -127,20 +126,20 @@ class SplatFill:
         return images
 
     def coverage(
-        self, state: _OrientedPoints, views: Sequence[View], size: int = IMAGE_SIZE
+        self, state: _OrientedPoints, views: Sequence[AnyView], size: int = IMAGE_SIZE
     ) -> NDArray[np.float32]:
         """Return the share of each pixel within the outline, 0..1, [V, size, size]."""
         shares = [_paint(state, view, size)[0] for view in views]
         return np.array(shares, np.float32).reshape(-1, size, size)
 
 
-def _paint(state: _OrientedPoints, view: View, size: int) -> tuple[Floats, Floats]:
+def _paint(state: _OrientedPoints, view: AnyView, size: int) -> tuple[Floats, Floats]:
     """Return how much of each pixel is covered, and the grey of what covers it, both [S, S]."""
     depth, cosine = _nearest(state, view, size)
     if not np.isfinite(depth).any():
         return np.zeros(depth.shape), np.ones(depth.shape)
     zoom = size / IMAGE_SIZE
-    spacing_px = zoom * state.spacing * FOCAL_PX / CAMERA_DISTANCE
+    spacing_px = zoom * state.spacing * lens_of(view).mean_focal / origin_depth(view)
     largest_px = zoom * MAX_RADIUS_PX
     closing_px = min(_CLOSING * spacing_px, largest_px)
     covered = _outline(np.isfinite(depth), closing_px, MARGIN * spacing_px)
@@ -167,7 +166,7 @@ def _smoothed(points: Floats, noise: float, between: float) -> Floats:
     return dense_part(points, 1 - min(LEFT_OUT * noise, MOST_LEFT_OUT), DENSITY_NEIGHBOURS)
 
 
-def _nearest(state: _OrientedPoints, view: View, size: int) -> tuple[Floats, Floats]:
+def _nearest(state: _OrientedPoints, view: AnyView, size: int) -> tuple[Floats, Floats]:
     """Return depth and cosine [size, size] of the nearest point in each pixel.
 
     The cosine is that of the angle between the point's normal and the axis of view. A pixel without
@@ -176,7 +175,7 @@ def _nearest(state: _OrientedPoints, view: View, size: int) -> tuple[Floats, Flo
     pixels, depth = project(state.points, view)
     pixels *= size / IMAGE_SIZE
     within = ((pixels >= 0) & (pixels < size)).all(axis=1)
-    seen = np.flatnonzero((depth > _NEAREST_DEPTH) & within)
+    seen = np.flatnonzero((depth > NEAR) & within)
     order = seen[np.argsort(-depth[seen], kind="stable")]  # the nearest is written last
     column, row = pixels[order].astype(np.intp).T
     cosine = np.abs(state.normals[order] @ camera_to_world(view)[:3, 2]).clip(0, 1)

@@ -7,7 +7,7 @@ Coordinates   Right-handed, +Y up, the front of an object towards -Z. A shape is
               the *unit sphere*. Clouds and noise levels are in these units.
 Camera        Looks at the origin from distance 4 with a field of view of 30.84 degrees (58 mm lens
               on a 32 mm sensor, roatienza/pc2pix@23b7b46d), so that the unit sphere just fits. The
-              geometry is in `data_prep.rendering.camera`.
+              geometry is in `data_prep.rendering.camera`. Users may give other cameras (`Camera`).
 Azimuth       0 degrees: the camera stands on -Z and sees the front. At +90 degrees the camera
               stands on +X (clockwise as seen from above).
 Elevation     0 degrees: the camera stands in the XZ plane. It grows upwards: +90 is the zenith.
@@ -130,6 +130,35 @@ class View:
             raise ValueError(f"azimuth_deg must be finite, got {self.azimuth_deg}")
         if not -90.0 <= self.elevation_deg <= 90.0:
             raise ValueError(f"elevation_deg must lie in -90..90, got {self.elevation_deg}")
+
+
+@dataclass(frozen=True, eq=False)
+class Camera:
+    """A pinhole camera anywhere, in place of a `View`.
+
+    Pixels are those of an image of IMAGE_SIZE, counted from its upper left corner; in an image of
+    another size lengths grow with its side.
+
+    Attributes
+    ----------
+    pose : float64 array [4, 4]
+        From camera to unit-sphere coordinates, a rotation and a move. As in OpenGL, the camera
+        looks along its -Z axis, and its +Y axis points up.
+    focal_px : tuple of float
+        Focal lengths along columns and rows; pixels are square, or nearly so.
+    centre_px : tuple of float
+        Column and row at which the axis of the camera meets the image.
+    """
+
+    pose: NDArray[np.float64]
+    focal_px: tuple[float, float]
+    centre_px: tuple[float, float]
+
+    def __post_init__(self) -> None:
+        object.__setattr__(self, "pose", _read_only(self.pose, np.float64, 4, "pose"))
+
+
+AnyView = View | Camera
 
 
 @dataclass(frozen=True)

@@ -23,12 +23,12 @@ from baselines.occupancy_net.weights import load_weights
 from baselines.reconstruction.alpha_wrap import DenoisedWrap
 from baselines.reconstruction.stages import Reconstruction, in_grey
 from baselines.splat_net.engine import FoldedSplatNet, Precision
-from baselines.splat_net.projection import Projection, cameras
+from baselines.splat_net.projection import Projection, cameras, lenses
 from baselines.splat_net.renderer import Projector, SplatNetRenderer, views_at_once
 from baselines.splat_net.surfels import Surfels
 from data_prep.failures import StageFailure
 from data_prep.rendering.raycast import surface_maps
-from data_prep.scene import IMAGE_SIZE, Images, Mesh, PointCloud, View
+from data_prep.scene import IMAGE_SIZE, AnyView, Images, Mesh, PointCloud
 from learning.weights import NetworkWeights
 
 OCCUPANCY = "all"  # name of the bundled weights of occupancy-net that make its mesh
@@ -104,7 +104,7 @@ class FusedNetRenderer:
     def draw(
         self,
         state: _FusedState,
-        views: Sequence[View],
+        views: Sequence[AnyView],
         rng: np.random.Generator | None = None,
         size: int | None = None,
     ) -> Images:
@@ -128,7 +128,7 @@ class FusedNetRenderer:
         return splats.draw_projected(_projector(state, splats), views, most)
 
     def coverage(
-        self, state: _FusedState, views: Sequence[View], size: int | None = None
+        self, state: _FusedState, views: Sequence[AnyView], size: int | None = None
     ) -> NDArray[np.float32]:
         """Return the share of each pixel that is covered, float32 [V, size, size] in 0..1."""
         size = size or self.splats.size
@@ -148,7 +148,7 @@ class FusedNetRenderer:
         return engine
 
     def _enlarged(
-        self, state: _FusedState, views: Sequence[View], size: int
+        self, state: _FusedState, views: Sequence[AnyView], size: int
     ) -> Iterator[tuple[Tensor, Tensor | None]]:
         """Yield for each view what `FoldedSplatNet.planes` returns, at a larger size than its own.
 
@@ -175,10 +175,11 @@ class FusedNetRenderer:
 def _projector(state: _FusedState, splats: SplatNetRenderer) -> Projector:
     """Return the function that makes of some views what the network sees from them."""
 
-    def project(some: Sequence[View]) -> Projection:
+    def project(some: Sequence[AnyView]) -> Projection:
         maps = torch.from_numpy(maps_of(state.meshes, some, splats.size))
         at, maps = cameras(some).to(splats.device), maps.to(splats.device)
-        return Projection(state.surfels, at, splats.inputs, splats.size, maps)
+        lens = lenses(some).to(splats.device)
+        return Projection(state.surfels, at, splats.inputs, splats.size, maps, lens)
 
     return project
 
@@ -226,7 +227,7 @@ def reconstruct(
 
 
 def maps_of(
-    meshes: Sequence[Mesh], views: Sequence[View], size: int = IMAGE_SIZE
+    meshes: Sequence[Mesh], views: Sequence[AnyView], size: int = IMAGE_SIZE
 ) -> NDArray[np.float32]:
     """Return the maps of meshes from views, one mesh after the other, [V, 5 * meshes, S, S]."""
     return np.concatenate([surface_maps(mesh, views, size) for mesh in meshes], axis=1)

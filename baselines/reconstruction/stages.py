@@ -16,7 +16,7 @@ from data_prep.failures import StageFailure
 from data_prep.rendering.camera import CAMERA_DISTANCE, FOCAL_PX
 from data_prep.rendering.images import to_float
 from data_prep.rendering.mesh import draw_mesh, mesh_coverage
-from data_prep.scene import IMAGE_SIZE, NEUTRAL_GREY, Images, Mesh, PointCloud, Points, View
+from data_prep.scene import IMAGE_SIZE, NEUTRAL_GREY, AnyView, Images, Mesh, PointCloud, Points
 
 FOOTPRINT = CAMERA_DISTANCE / FOCAL_PX  # side of what a pixel shows at the origin, in scene units
 _SPACING_NEIGHBOURS = 16  # a point's spacing is half the distance to the nearest of this number
@@ -36,7 +36,7 @@ class DrawsReconstruction:
     def draw(
         self,
         state: Reconstruction,
-        views: Sequence[View],
+        views: Sequence[AnyView],
         rng: np.random.Generator | None = None,
         size: int = IMAGE_SIZE,
     ) -> Images:
@@ -45,7 +45,7 @@ class DrawsReconstruction:
         return to_float(draw_mesh(state.mesh, views, size))
 
     def coverage(
-        self, state: Reconstruction, views: Sequence[View], size: int = IMAGE_SIZE
+        self, state: Reconstruction, views: Sequence[AnyView], size: int = IMAGE_SIZE
     ) -> NDArray[np.float32]:
         """Return the share of each pixel that the mesh covers, 0..1, [V, size, size]."""
         return mesh_coverage(state.mesh, views, size)

@@ -16,12 +16,17 @@ import torch
 from torch import Tensor
 
 from baselines.splat_net.surfels import FLATTENED, HOPS, Surfels
-from data_prep.rendering.camera import CAMERA_DISTANCE, FARTHEST, FOCAL_PX, camera_to_world
+from data_prep.rendering.camera import (
+    CAMERA_DISTANCE,
+    NEAR,
+    camera_to_world,
+    farthest_depth,
+    lens_of,
+    origin_depth,
+)
 from data_prep.rendering.raycast import MAPS, MOST_NEARNESS
-from data_prep.scene import IMAGE_SIZE, View
+from data_prep.scene import IMAGE_SIZE, AnyView, View
 
-# Points nearer to the camera than this are not drawn; the mesh renderer has the same near plane.
-_NEAREST = 0.05 * CAMERA_DISTANCE
 _DENSITY_WINDOWS = (1, 3, 9)  # pixels, at 128 px: sides of the windows in which points are counted
 EMPTY = 1e4  # depth of a pixel without a point: greater than any depth that is seen
 
@@ -90,10 +95,27 @@ class Inputs:
 ALL_INPUTS = Inputs(noise=True)
 
 
-def cameras(views: Sequence[View]) -> Tensor:
+def cameras(views: Sequence[AnyView]) -> Tensor:
     """Return world-to-camera matrices float32 [V, 3, 4], in OpenGL's convention."""
     poses = np.stack([camera_to_world(view) for view in views])
     return torch.from_numpy(np.linalg.inv(poses)[:, :3].astype(np.float32))
+
+
+def lenses(views: Sequence[AnyView]) -> Tensor:
+    """Return what an image depends on beside the pose of its camera, float64 [V, 5].
+
+    These are the focal lengths along columns and rows, column and row of the centre, all in pixels
+    of an image of IMAGE_SIZE, and how much deeper than CAMERA_DISTANCE the origin lies.
+    """
+    rows = []
+    for view in views:
+        lens = lens_of(view)
+        rows.append((*lens.focal, *lens.centre, origin_depth(view) - CAMERA_DISTANCE))
+    return torch.tensor(rows, dtype=torch.float64)
+
+
+_FARTHEST = farthest_depth(View(0, 0))
+_LENS = lenses([View(0, 0)])
 
 
 def project(surfels: Surfels, cameras: Tensor, inputs: Inputs, size: int = IMAGE_SIZE) -> Tensor:
@@ -109,8 +131,10 @@ class Projection:
     inputs   the channels to make
     size     side of the images in pixels, a multiple of 16
     maps     of the meshes of `inputs.meshes`, [P, 5 * meshes, S, S]; None where there are none
+    lenses   of the cameras, [P, 5] as `lenses` returns them; None for those of `View`
 
-    points   [P, 3, N], in the camera's frame
+    points   [P, 3, N], in the camera's frame, moved along its axis so that the origin is
+             CAMERA_DISTANCE away, where networks know objects; so are all depths
 
     Points behind the camera or outside of the image are not drawn.
 
@@ -124,6 +148,7 @@ class Projection:
         inputs: Inputs,
         size: int = IMAGE_SIZE,
         maps: Tensor | None = None,
+        lenses: Tensor | None = None,
     ) -> None:
         self.inputs, self.size = inputs, size
         if inputs.meshes and maps is None:
@@ -131,10 +156,12 @@ class Projection:
         if not inputs.meshes and maps is not None:
             raise ValueError("maps: the inputs have no meshes; leave maps= out")
         self.maps = None if maps is None else maps.permute(0, 2, 3, 1)
-        self.points = points = _to_camera(surfels.points, cameras)
-        self.seen = _Pixels(points, size)
+        points = _to_camera(surfels.points, cameras)
+        lens = _at_size(_LENS if lenses is None else lenses, size).to(points.device)
+        self.seen = _Pixels(points, size, lens)
+        self.points = points if lenses is None else _moved(points, lens)
         moved = surfels.flattened.unbind(-2) if inputs.flattened else ()
-        self.flattened = [_Pixels(_to_camera(some, cameras), size) for some in moved]
+        self.flattened = [_Pixels(_to_camera(some, cameras), size, lens) for some in moved]
         self.nearest = self.seen.nearest()
         self.farthest = self.seen.farthest() if inputs.far else None
         self.count = self.seen.count() if inputs.density else None
@@ -156,7 +183,7 @@ class Projection:
         images  which of the P
         dtype   of the result; everything before the conversion is computed in float32
 
-        Channels are 0 where no point is near. Depth is given as nearness, which is 0 at `FARTHEST`
+        Channels are 0 where no point is near. Depth is given as nearness, which is 0 at _FARTHEST
         and about 1.1 for the nearest points; a number n of points is given as log(1 + n).
         """
         inputs, size = self.inputs, self.size
@@ -216,23 +243,39 @@ def _to_camera(points: Tensor, cameras: Tensor) -> Tensor:
     return cameras[:, :, :3] @ points.mT + cameras[:, :, 3:]
 
 
-class _Pixels:
-    """The pixels in which points [P, 3, N], in the camera's frame, fall."""
+def _at_size(lenses: Tensor, size: int) -> Tensor:
+    """Return lenses in pixels of an image of another size, float32 [P, 5, 1]."""
+    zoom = size / IMAGE_SIZE
+    return (lenses * torch.tensor([zoom, zoom, zoom, zoom, 1.0]).to(lenses)).float()[..., None]
 
-    def __init__(self, points: Tensor, size: int) -> None:
+
+def _moved(points: Tensor, lens: Tensor) -> Tensor:
+    """Return points [P, 3, N] moved along the axis, so that the origin is CAMERA_DISTANCE away."""
+    beyond = lens[:, 4:]
+    return torch.cat([points[:, :2], points[:, 2:] + beyond], dim=1)
+
+
+class _Pixels:
+    """The pixels in which points [P, 3, N], in the camera's frame, fall.
+
+    lens  [P, 5, 1], or one for all images: of `_at_size`
+    """
+
+    def __init__(self, points: Tensor, size: int, lens: Tensor) -> None:
         self.size = size
         x, y, z = points.unbind(1)
+        focal_x, focal_y, centre_x, centre_y, beyond = lens.unbind(1)
         depth = -z
-        ahead = depth > _NEAREST
-        scale = FOCAL_PX * size / IMAGE_SIZE / torch.where(ahead, depth, 1.0)
-        self.column = size / 2 + x * scale
-        self.row = size / 2 - y * scale
+        ahead = depth > NEAR
+        inverse = torch.where(ahead, depth, 1.0).reciprocal()
+        self.column = centre_x + x * (inverse * focal_x)
+        self.row = centre_y - y * (inverse * focal_y)
         within = (self.column >= 0) & (self.column < size) & (self.row >= 0) & (self.row < size)
         self.seen = ahead & within
         # Points that are not drawn go into an extra pixel after the last, which nobody looks at.
         cell = self.row.long() * size + self.column.long()
         self.cell = torch.where(self.seen, cell, size * size)
-        self.depth = torch.where(self.seen, depth, EMPTY)
+        self.depth = torch.where(self.seen, depth - beyond, EMPTY)
 
     def nearest(self) -> Tensor:
         """Return the nearest point of each pixel, int64 [P, S, S].
@@ -340,8 +383,8 @@ def _depth_of(nearest: Tensor) -> Tensor:
 
 
 def _nearness(depth: Tensor, out: Tensor) -> None:
-    """Write the nearness of depths into `out`: (FARTHEST - depth) / 2, in 0..MOST_NEARNESS."""
-    torch.mul(depth, -0.5, out=out).add_(FARTHEST / 2).clamp_(0.0, MOST_NEARNESS)
+    """Write the nearness of depths into `out`: (_FARTHEST - depth) / 2, in 0..MOST_NEARNESS."""
+    torch.mul(depth, -0.5, out=out).add_(_FARTHEST / 2).clamp_(0.0, MOST_NEARNESS)
 
 
 def _attributes(surfels: Surfels, cameras: Tensor, points: Tensor) -> tuple[Tensor, Tensor]:

@@ -17,11 +17,12 @@ from torch import Tensor
 from baselines.splat_net.engine import GROUP, FoldedSplatNet, Precision
 from baselines.splat_net.network import SMALLEST
 from baselines.splat_net.points2pix import Points2Pix, Points2PixEngine
-from baselines.splat_net.projection import Projection, cameras
+from baselines.splat_net.projection import Projection, cameras, lenses
 from baselines.splat_net.surfels import Surfels, find_surfels, stack
 from data_prep.clouds.sampling import at_most
+from data_prep.clouds.sorting import different_points
 from data_prep.failures import StageFailure
-from data_prep.scene import IMAGE_SIZE, Images, PointCloud, View
+from data_prep.scene import IMAGE_SIZE, AnyView, Images, PointCloud
 from learning.exact import exact_inference
 from learning.weights import NetworkWeights
 
@@ -30,7 +31,7 @@ _POINTS_TOGETHER = 2**19  # points in all of these views, at most: it bounds the
 # Points that are shown to the network; of a larger cloud a random subset. With 8,192 of 131,072
 # points LPIPS of four real meshes is .059, with all of them .077: it has seen 2,048 at most.
 MOST_POINTS = 8192
-Projector = Callable[[Sequence[View]], Projection]  # what the network sees from some views
+Projector = Callable[[Sequence[AnyView]], Projection]  # what the network sees from some views
 
 
 @dataclass(frozen=True, eq=False)
@@ -125,13 +126,13 @@ class SplatNetRenderer:
         workers = torch.get_num_threads()
         points, notes = cloud.points, ()
         if len(points) > MOST_POINTS:
-            points, notes = at_most(MOST_POINTS, np.unique(points, axis=0))
+            points, notes = at_most(MOST_POINTS, different_points(points))
         surfels = stack([find_surfels(points, workers, surfaces=self.inputs.surfaces)])
         tensors = {name: value.to(self.device) for name, value in vars(surfels).items()}
         return ShownSurfels(**tensors, notes=notes)
 
     def draw(
-        self, state: Surfels, views: Sequence[View], rng: np.random.Generator | None = None
+        self, state: Surfels, views: Sequence[AnyView], rng: np.random.Generator | None = None
     ) -> Images:
         """Return images of a cloud.
 
@@ -139,7 +140,7 @@ class SplatNetRenderer:
         ----------
         state : Surfels
             Surfels of `prepare`.
-        views : sequence of View
+        views : sequence of View or Camera
             V cameras; none give an empty array.
         rng : numpy.random.Generator, optional
             Not used.
@@ -158,7 +159,7 @@ class SplatNetRenderer:
         return self.draw_projected(self._projector(state), views, views_at_once(len(state)))
 
     def coverage(
-        self, state: Surfels, views: Sequence[View], size: int | None = None
+        self, state: Surfels, views: Sequence[AnyView], size: int | None = None
     ) -> NDArray[np.float32]:
         """Return the predicted coverage of each pixel, float32 [V, size, size] in 0..1.
 
@@ -171,8 +172,9 @@ class SplatNetRenderer:
     def _projector(self, state: Surfels) -> Projector:
         """Return the function that projects surfels into some views."""
 
-        def project(some: Sequence[View]) -> Projection:
-            return Projection(state, cameras(some).to(self.device), self.inputs, self.size)
+        def project(some: Sequence[AnyView]) -> Projection:
+            at, lens = cameras(some).to(self.device), lenses(some).to(self.device)
+            return Projection(state, at, self.inputs, self.size, lenses=lens)
 
         return project
 
@@ -184,7 +186,7 @@ class SplatNetRenderer:
             )
         return self._at_sizes[size]
 
-    def draw_projected(self, project: Projector, views: Sequence[View], most: int) -> Images:
+    def draw_projected(self, project: Projector, views: Sequence[AnyView], most: int) -> Images:
         """Return images of views, float32 [V, size, size, 3].
 
         project  is called with at most `most` of the views at a time
@@ -193,7 +195,7 @@ class SplatNetRenderer:
         return self._filled(images, self.engine, project, views, most)
 
     def projected_coverage(
-        self, project: Projector, views: Sequence[View], most: int
+        self, project: Projector, views: Sequence[AnyView], most: int
     ) -> NDArray[np.float32]:
         """Return the coverage [V, size, size] of the images of `draw_projected`."""
         shares = np.empty((len(views), self.size, self.size, 1), np.float32)
@@ -205,7 +207,7 @@ class SplatNetRenderer:
         images: NDArray[np.float32],
         engine: Callable[[Tensor, Tensor], Tensor],
         project: Projector,
-        views: Sequence[View],
+        views: Sequence[AnyView],
         most: int,
     ) -> NDArray[np.float32]:
         """Fill images [V, size, size, C] with what the engine draws, and return them.

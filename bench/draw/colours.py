@@ -15,9 +15,9 @@ from numpy.typing import NDArray
 
 from baselines.neighbourhoods import nearest_distance
 from baselines.splat_fill import closed_depths, pull_push
-from data_prep.rendering.camera import CAMERA_DISTANCE, FOCAL_PX, project
+from data_prep.rendering.camera import NEAR, lens_of, origin_depth, project
 from data_prep.rendering.images import to_float, to_uint8
-from data_prep.scene import IMAGE_SIZE, NEUTRAL_GREY, PointCloud, UInt8Images, View
+from data_prep.scene import IMAGE_SIZE, NEUTRAL_GREY, AnyView, PointCloud, UInt8Images
 
 # Chosen on 13 objects of procedural:validation (2,048 points clean and with noise of 5 %, 512, and
 # 8,192 points), by LPIPS against images in the true colours; distances are in spacings, the median
@@ -26,14 +26,13 @@ _COVERING = 2.5  # how far around itself, in the image, a point hides others
 _BEHIND = 0.5  # a point farther than this behind the points that hide it gives no colour
 _SHARE = 0.5  # weight of a point in its pixel: two points fill it, the rest comes from around
 _MOST_COVERING_PX = 16.0  # in an image of IMAGE_SIZE: the most pixels that a point hides others in
-_NEAREST_DEPTH = 0.05 * CAMERA_DISTANCE  # points nearer to the camera than this give no colour
 
 
 def in_colours(
     images: UInt8Images,
     coverage: NDArray[np.float32],
     cloud: PointCloud,
-    views: Sequence[View],
+    views: Sequence[AnyView],
 ) -> UInt8Images:
     """Return images of a cloud that were drawn in grey, in the colours of its points.
 
@@ -52,7 +51,9 @@ def in_colours(
     return out
 
 
-def colours_seen(cloud: PointCloud, spacing: float, view: View, size: int) -> NDArray[np.float64]:
+def colours_seen(
+    cloud: PointCloud, spacing: float, view: AnyView, size: int
+) -> NDArray[np.float64]:
     """Return the colours of a cloud from a view, float64 [size, size, 3] in 0..1, without gaps.
 
     cloud    finite points [N, 3] with colours
@@ -66,14 +67,14 @@ def colours_seen(cloud: PointCloud, spacing: float, view: View, size: int) -> ND
     zoom = size / IMAGE_SIZE
     pixels, depth = project(cloud.points, view)
     pixels = pixels * zoom
-    inside = ((pixels >= 0) & (pixels < size)).all(axis=1) & (depth > _NEAREST_DEPTH)
+    inside = ((pixels >= 0) & (pixels < size)).all(axis=1) & (depth > NEAR)
     if not inside.any():
         return np.full((size, size, 3), NEUTRAL_GREY[0] / 255)
     column, row = pixels[inside].astype(np.intp).T
     pixel, depth, inks = row * size + column, depth[inside], to_float(cloud.colors[inside])
     nearest = np.full(size * size, np.inf)
     np.minimum.at(nearest, pixel, depth)
-    spacing_px = zoom * spacing * FOCAL_PX / CAMERA_DISTANCE
+    spacing_px = zoom * spacing * lens_of(view).mean_focal / origin_depth(view)
     covering_px = min(_COVERING * spacing_px, zoom * _MOST_COVERING_PX)
     closed = closed_depths(nearest.reshape(size, size), covering_px).ravel()
     seen = depth <= closed[pixel] + _BEHIND * spacing

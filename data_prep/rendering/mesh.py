@@ -15,7 +15,7 @@ from numpy.typing import NDArray
 from data_prep.rendering.images import to_float
 from data_prep.rendering.opengl import render
 from data_prep.rendering.raycast import cast
-from data_prep.scene import IMAGE_SIZE, Mesh, View, in_one_colour
+from data_prep.scene import IMAGE_SIZE, AnyView, Mesh, in_one_colour
 
 # The number of faces from which on rays are cast. For 20 views both renderers take the same time at
 # some 7,000 faces; with this many, rays took less time for every mesh that was measured (`python -m
@@ -23,14 +23,14 @@ from data_prep.scene import IMAGE_SIZE, Mesh, View, in_one_colour
 RAYS_FROM_FACES = 10_000
 
 
-def draw_mesh(mesh: Mesh, views: Sequence[View], size: int = IMAGE_SIZE) -> NDArray[np.uint8]:
+def draw_mesh(mesh: Mesh, views: Sequence[AnyView], size: int = IMAGE_SIZE) -> NDArray[np.uint8]:
     """Render a mesh by rays or by OpenGL, with the same camera, samples and shading.
 
     Parameters
     ----------
     mesh : Mesh
         Mesh in unit-sphere coordinates; one without faces gives white images.
-    views : sequence of View
+    views : sequence of View or Camera
         V camera positions.
     size : int
         Width and height of the images in pixels.
@@ -53,7 +53,9 @@ def draw_mesh(mesh: Mesh, views: Sequence[View], size: int = IMAGE_SIZE) -> NDAr
     return draw(mesh, views, size=size)
 
 
-def mesh_coverage(mesh: Mesh, views: Sequence[View], size: int = IMAGE_SIZE) -> NDArray[np.float32]:
+def mesh_coverage(
+    mesh: Mesh, views: Sequence[AnyView], size: int = IMAGE_SIZE
+) -> NDArray[np.float32]:
     """Return which share of each pixel of `draw_mesh` the mesh covers, float32 [V, size, size].
 
     Raises as `draw_mesh` does.

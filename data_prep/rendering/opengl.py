@@ -29,8 +29,16 @@ import numpy as np
 from numpy.typing import NDArray
 
 from data_prep.failures import MissingDependency
-from data_prep.rendering.camera import CAMERA_DISTANCE, FIELD_OF_VIEW_RAD, camera_to_world
-from data_prep.scene import IMAGE_SIZE, NEUTRAL_GREY, Mesh, View
+from data_prep.rendering.camera import (
+    CAMERA_DISTANCE,
+    FAR,
+    FIELD_OF_VIEW_RAD,
+    NEAR,
+    camera_to_world,
+    depth_range,
+    lens_of,
+)
+from data_prep.scene import IMAGE_SIZE, NEUTRAL_GREY, AnyView, Mesh
 
 # A part of the keys of finished work. Raise it when a change here changes a pixel, so that the work
 # is done again.
@@ -38,9 +46,6 @@ VERSION = 1
 _SHADERS = Path(__file__).parent
 _SHADER_FILES = ("mesh.vert", "mesh.frag")
 SAMPLES = 4  # samples in each pixel, whose mean smooths edges
-# The depths between which a mesh is visible, in radii of the unit sphere. Reconstructions may leave
-# the unit sphere; parts outside of this range are cut off.
-NEAR, FAR = 0.05 * CAMERA_DISTANCE, 2.5 * CAMERA_DISTANCE
 BACKGROUND = (1.0, 1.0, 1.0)  # red, green and blue of pixels that nothing covers: white
 SHEET_VIEWS = 32  # the most images on a sheet, where they are drawn one above the other
 # The largest height of a sheet in pixels, which every OpenGL 4.1 supports.
@@ -58,7 +63,7 @@ DEBIAN_PACKAGES = {
 REMEDY = "install the Debian packages " + " ".join(DEBIAN_PACKAGES) + " (bench doctor checks them)"
 
 
-def render(mesh: Mesh, views: Sequence[View], size: int = IMAGE_SIZE) -> NDArray[np.uint8]:
+def render(mesh: Mesh, views: Sequence[AnyView], size: int = IMAGE_SIZE) -> NDArray[np.uint8]:
     """Render a mesh by OpenGL.
 
     A facet seen head-on has exactly its own colour; tilted by an angle t its colour is multiplied
@@ -69,7 +74,7 @@ def render(mesh: Mesh, views: Sequence[View], size: int = IMAGE_SIZE) -> NDArray
     ----------
     mesh : Mesh
         Mesh in unit-sphere coordinates; one without faces gives white images.
-    views : sequence of View
+    views : sequence of View or Camera
         V camera positions.
     size : int
         Width and height of the images in pixels.
@@ -93,12 +98,13 @@ def render(mesh: Mesh, views: Sequence[View], size: int = IMAGE_SIZE) -> NDArray
         return images
     poses = np.stack([camera_to_world(view) for view in views])
     matrices = np.linalg.inv(poses).astype(np.float32)
+    projections = np.stack([_projection(view) for view in views]).astype(np.float32)
     with _current_context() as context:
         buffers = context.buffers(size)
         context.upload(*_vertices_of_one_colour(mesh))
         for start in range(0, len(views), buffers.views):
             stop = start + buffers.views
-            context.draw(matrices[start:stop], mesh.faces.size, buffers)
+            context.draw(matrices[start:stop], projections[start:stop], mesh.faces.size, buffers)
             images[start:stop] = context.read(len(images[start:stop]), buffers)
     return images
 
@@ -156,11 +162,14 @@ def _vertices_of_one_colour(mesh: Mesh) -> tuple[NDArray[np.float32], NDArray[np
     return np.concatenate([positions, colors], axis=1), faces.astype(np.uint32)
 
 
-def _projection() -> NDArray[np.float64]:
+def _projection(view: AnyView) -> NDArray[np.float64]:
     """Return OpenGL's projection matrix [4, 4], from camera coordinates to the cube -1..1."""
-    scale = 1.0 / math.tan(FIELD_OF_VIEW_RAD / 2)
-    matrix = np.diag([scale, scale, (FAR + NEAR) / (NEAR - FAR), 0.0])
-    matrix[2, 3] = 2 * FAR * NEAR / (NEAR - FAR)
+    (focal_x, focal_y), (column, row) = lens_of(view)
+    near, far = depth_range(view)
+    half = IMAGE_SIZE / 2
+    matrix = np.diag([focal_x / half, focal_y / half, (far + near) / (near - far), 0.0])
+    matrix[:2, 2] = 1 - column / half, row / half - 1  # 0 where the axis meets the image's middle
+    matrix[2, 3] = 2 * far * near / (near - far)
     matrix[3, 2] = -1.0
     return matrix
 
@@ -182,6 +191,7 @@ class _Context:
     egl: Any
     platform: Any
     view_matrix: int  # the location of the shader's uniform for the matrix of a view
+    projection: int  # and of that for its projection
     buffers_by_size: dict[int, _Buffers] = field(default_factory=dict)
 
     def buffers(self, size: int) -> _Buffers:
@@ -203,13 +213,22 @@ class _Context:
         gl.glBufferData(gl.GL_ARRAY_BUFFER, vertices.nbytes, vertices, gl.GL_STATIC_DRAW)
         gl.glBufferData(gl.GL_ELEMENT_ARRAY_BUFFER, faces.nbytes, faces, gl.GL_STATIC_DRAW)
 
-    def draw(self, world_to_camera: NDArray[np.float32], indices: int, buffers: _Buffers) -> None:
+    def draw(
+        self,
+        world_to_camera: NDArray[np.float32],
+        projections: NDArray[np.float32],
+        indices: int,
+        buffers: _Buffers,
+    ) -> None:
         """Draw at most `buffers.views` views [V, 4, 4] of the uploaded mesh onto the sheet."""
         gl, size = self.gl, buffers.size
-        for place, matrix in enumerate(world_to_camera):
+        for place, (matrix, projection) in enumerate(
+            zip(world_to_camera, projections, strict=True)
+        ):
             gl.glBindFramebuffer(gl.GL_FRAMEBUFFER, buffers.multisampled)
             gl.glClear(gl.GL_COLOR_BUFFER_BIT | gl.GL_DEPTH_BUFFER_BIT)
             gl.glUniformMatrix4fv(self.view_matrix, 1, gl.GL_TRUE, matrix)
+            gl.glUniformMatrix4fv(self.projection, 1, gl.GL_TRUE, projection)
             gl.glDrawElements(gl.GL_TRIANGLES, indices, gl.GL_UNSIGNED_INT, ctypes.c_void_p(0))
             gl.glBindFramebuffer(gl.GL_DRAW_FRAMEBUFFER, buffers.sheet)
             bottom, top = size * place, size * (place + 1)
@@ -304,11 +323,9 @@ def _set_up(gl: Any, egl: Any, shaders: Any, platform: Any) -> _Context:
         shaders.compileShader(fragment, gl.GL_FRAGMENT_SHADER),
     )
     gl.glUseProgram(program)
-    projection = gl.glGetUniformLocation(program, "camera_to_clip")
-    gl.glUniformMatrix4fv(projection, 1, gl.GL_TRUE, _projection().astype(np.float32))
-
     view_matrix = gl.glGetUniformLocation(program, "world_to_camera")
-    return _Context(gl, egl, platform, view_matrix)
+    projection = gl.glGetUniformLocation(program, "camera_to_clip")
+    return _Context(gl, egl, platform, view_matrix, projection)
 
 
 def _make_buffers(gl: Any, size: int) -> _Buffers:

@@ -17,9 +17,15 @@ import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from data_prep.failures import MissingDependency
-from data_prep.rendering.camera import FARTHEST, FOCAL_PX, camera_to_world, project
-from data_prep.rendering.opengl import FAR, NEAR
-from data_prep.scene import IMAGE_SIZE, Mesh, View
+from data_prep.rendering.camera import (
+    Lens,
+    camera_to_world,
+    depth_range,
+    farthest_depth,
+    lens_of,
+    project,
+)
+from data_prep.scene import IMAGE_SIZE, AnyView, Mesh
 
 # The gamma of OpenGL's shader: a colour is multiplied by cos(t)^(1 / GAMMA), with the angle t
 # between the normal and the axis of view.
@@ -38,7 +44,7 @@ MOST_NEARNESS = 1.5  # the largest nearness in `surface_maps`: closer surfaces g
 
 
 def cast(
-    mesh: Mesh, views: Sequence[View], samples: ArrayLike = OPENGL, size: int = IMAGE_SIZE
+    mesh: Mesh, views: Sequence[AnyView], samples: ArrayLike = OPENGL, size: int = IMAGE_SIZE
 ) -> NDArray[np.uint8]:
     """Return images of a mesh, uint8 [V, size, size, 3], on a white background.
 
@@ -48,8 +54,8 @@ def cast(
     the facet's own colour times cos(t)^(1/2.2), t between the facet's normal and the axis of view,
     from either side. Samples have 8 bits and the mean is rounded half up, as in llvmpipe: of four
     ways to round this one gives the fewest pixels that differ. The mean is taken of sRGB values, as
-    OpenGL does where the frame buffer is not declared to be sRGB. Parts nearer than NEAR or farther
-    than FAR are not seen, nor facets without area; an empty mesh gives white images.
+    OpenGL does where the frame buffer is not declared to be sRGB. Parts outside of the view's
+    `depth_range` are not seen, nor facets without area; an empty mesh gives white images.
     The same mesh and views give the same bytes in any process, for any number of threads.
 
     Raises ValueError for non-finite vertices, and MissingDependency without embreex.
@@ -64,14 +70,14 @@ def cast(
 
 
 def surface_maps(
-    mesh: Mesh, views: Sequence[View], size: int = IMAGE_SIZE, *, limited: bool = True
+    mesh: Mesh, views: Sequence[AnyView], size: int = IMAGE_SIZE, *, limited: bool = True
 ) -> NDArray[np.float32]:
     """Return the planes MAPS of a mesh in images, float32 [V, 5, size, size].
 
     Camera and samples are those of `cast`. The planes are zero where no sample meets the mesh.
 
     coverage   share of a pixel's samples that meet the mesh
-    nearness   mean over these of (FARTHEST - depth) / 2, in 0..MOST_NEARNESS if `limited`
+    nearness   mean over these of (farthest depth - depth) / 2, in 0..MOST_NEARNESS if `limited`
     normal     their mean normal in the camera's frame (+X right, +Y up, +Z to the camera); each is
                turned so that z, the cosine that shades, is not negative
 
@@ -79,7 +85,7 @@ def surface_maps(
     """
     maps = np.zeros((len(views), len(MAPS), size, size), dtype=np.float32)
     for i, seen in _look(mesh, views, OPENGL, size):
-        nearness = (FARTHEST - seen.depths.astype(np.float64)) / 2
+        nearness = (farthest_depth(views[i]) - seen.depths.astype(np.float64)) / 2
         if limited:
             nearness = nearness.clip(0, MOST_NEARNESS)
         normals = _unit(seen.normals) @ camera_to_world(views[i])[:3, :3]
@@ -122,7 +128,7 @@ class _Hits:
 
 
 def _look(
-    mesh: Mesh, views: Sequence[View], samples: ArrayLike, size: int
+    mesh: Mesh, views: Sequence[AnyView], samples: ArrayLike, size: int
 ) -> Iterator[tuple[int, _Hits]]:
     """Yield, for each view and each band of rows, the number of the view and its hits.
 
@@ -134,17 +140,24 @@ def _look(
         return
     scene = _scene(mesh)
     corners = _corners(mesh.vertices)
-    rays = _rays(np.asarray(samples, dtype=np.float64), size)
+    exact = np.asarray(samples, dtype=np.float64)
+    lens = lens_of(views[0])
+    rays = _rays(exact, size, lens)
     for i, view in enumerate(views):
+        if lens_of(view) != lens:  # mostly all views have the same
+            lens = lens_of(view)
+            rays = _rays(exact, size, lens)
+        near, far = depth_range(view)
         window = _window(corners, view, size)
-        start, rows, columns = (NEAR, ALL, ALL) if window is None else (0.0, *window)
+        start, rows, columns = (near, ALL, ALL) if window is None else (0.0, *window)
         first, last, _ = rows.indices(size)
         step = max(1, _MOST_RAYS // (size * rays.shape[2]))
         for low in range(first, last, step):
             band = slice(low, min(low + step, last))
             local = rays[band, columns]
             if local.size:
-                yield i, _hits(scene, local, camera_to_world(view), start, (band, columns))
+                pose = camera_to_world(view)
+                yield i, _hits(scene, local, pose, (start, far), (band, columns))
 
 
 @lru_cache(maxsize=2)
@@ -166,12 +179,13 @@ def _scene(mesh: Mesh) -> Any:
     return scene
 
 
-def _rays(samples: NDArray[np.float64], size: int) -> NDArray[np.float32]:
+def _rays(samples: NDArray[np.float64], size: int, lens: Lens) -> NDArray[np.float32]:
     """Return directions [row, column, S, 3] of depth 1 in camera coordinates (+X right, +Y up)."""
-    corner = np.arange(size)[:, None] - size / 2
-    column, row = np.broadcast_arrays(corner + samples[:, 0], (corner + samples[:, 1])[:, None])
-    focal = FOCAL_PX * size / IMAGE_SIZE
-    return np.stack([column / focal, -row / focal, -np.ones_like(row)], -1, dtype=np.float32)
+    zoom = size / IMAGE_SIZE
+    across, down = (np.arange(size)[:, None] - zoom * middle for middle in lens.centre)
+    column, row = np.broadcast_arrays(across + samples[:, 0], (down + samples[:, 1])[:, None])
+    x, y = column / (zoom * lens.focal[0]), -row / (zoom * lens.focal[1])
+    return np.stack([x, y, -np.ones_like(row)], -1, dtype=np.float32)
 
 
 def _corners(vertices: NDArray[np.float32]) -> NDArray[np.float64]:
@@ -187,13 +201,13 @@ def _corners(vertices: NDArray[np.float32]) -> NDArray[np.float64]:
     return np.stack(corners, -1).reshape(-1, 3)
 
 
-def _window(corners: NDArray[np.float64], view: View, size: int) -> tuple[slice, slice] | None:
+def _window(corners: NDArray[np.float64], view: AnyView, size: int) -> tuple[slice, slice] | None:
     """Return the rows and columns of the box of pixels around corners [N, 3], within the image.
 
-    None means that a corner is nearer than NEAR: points behind the camera have no pixels.
+    None means that a corner is too near to be drawn: points behind the camera have no pixels.
     """
     pixels, depth = project(corners, view)
-    if depth.min() < NEAR:
+    if depth.min() < depth_range(view)[0]:
         return None
     columns, rows = pixels.T * (size / IMAGE_SIZE)
     return _span(rows, size), _span(columns, size)
@@ -211,16 +225,17 @@ def _hits(
     scene: Any,
     local: NDArray[np.float32],
     pose: NDArray[np.float64],
-    start: float,
+    depths: tuple[float, float],
     window: tuple[slice, slice],
 ) -> _Hits:
-    """Cast the rays [R, C, S, 3] of a window, which begin at the depth `start`; return the hits."""
+    """Cast the rays [R, C, S, 3] of a window between two depths; return the hits."""
+    start, far = depths
     turn, eye = pose[:3, :3].astype(np.float32), pose[:3, 3].astype(np.float32)
     directions = local.reshape(-1, 3) @ turn.T
     starts = np.broadcast_to(eye, directions.shape)
     if start:
         starts = starts + np.float32(start) * directions
-    met = scene.run(starts, directions, dists=FAR - start, output=True)
+    met = scene.run(starts, directions, dists=far - start, output=True)
     hits = np.flatnonzero(met["primID"] >= 0)
     height, width, samples, _ = local.shape
     return _Hits(
