@@ -65,7 +65,7 @@ def nearest_distance(points: Points) -> float:
     # Boxes split in the middle take half the time of those split at the median of their points.
     tree = cKDTree(ordered[~repeated], balanced_tree=False, compact_nodes=False)
     if alone.any():
-        distances[alone] = tree.query(ordered[some[alone]], k=[2])[0][:, 0]
+        distances[alone] = np.asarray(tree.query(ordered[some[alone]], k=[2])[0])[:, 0]
     return float(np.median(distances))
 
 

@@ -120,6 +120,9 @@ def test_those_of_rendering_run(tmp_path, monkeypatch):
     """Each image and turntable is where the page says."""
     monkeypatch.chdir(tmp_path)
     Path("chair.ply").write_bytes((REPOSITORY / "examples" / "chair.ply").read_bytes())
+    page = (DOCS / "rendering.md").read_text(encoding="utf-8")
+    (camera,) = (block for kind, block in BLOCK.findall(page) if kind == "json")
+    Path("camera.json").write_text(camera)
     for command in shown(DOCS / "rendering.md"):
         ended, output, _ = run(shlex.split(command))
         assert ended == 0, f"{command}: {output}"
@@ -131,6 +134,7 @@ def test_those_of_rendering_run(tmp_path, monkeypatch):
     assert sizes == {
         **{f"{name}.png": ((128, 128), 1) for name in of_one},
         "large.png": ((512, 512), 1),
+        "seen.png": ((320, 240), 1),
         "sheet.png": ((3 * 262 + 6, 2 * 280 + 6), 1),  # tiles with their margins and labels
         "turntable.gif": ((4 * 262 + 6, 280 + 6), 36),
         "turns/chair.gif": ((128, 128), 36),

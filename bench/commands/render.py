@@ -19,6 +19,7 @@ from bench.catalogue.methods import ANY_SIZE, RECOMMENDED, allow_modules
 from bench.commands.options import OptionSpec, options_from_dataclass, path_argument
 from bench.draw.choice import (
     Notes,
+    check_camera,
     check_colour,
     methods_to_draw,
     notes_on_methods,
@@ -33,6 +34,7 @@ from bench.draw.files import (
     image_of_cloud,
     images_of_clouds,
     moves,
+    names_of_views,
     write_images,
 )
 from bench.draw.finish import Tile, columns_of, draw_sheet
@@ -40,10 +42,12 @@ from bench.running.environment import cores
 from bench.tables.markdown import visible
 from data_prep.clouds.orientations import upright
 from data_prep.failures import BadInput
+from data_prep.files.pinholes import Pinholes, read_pinholes
 from data_prep.progress import progress
 from data_prep.scene import IMAGE_SIZE, View
 
 _SHEET_SCALE = 2
+_AZIMUTH, _ELEVATION = 30.0, 20.0  # in degrees, where neither angles nor a camera are given
 CLOUD = "cloud"  # the label of the first tile of a sheet, which shows the points as dots
 _FRAMES = 36  # images of a turntable by default: one every 10 degrees
 # The most images of a turntable: one every 3 degrees. In a sheet of ten methods they take 300 MB.
@@ -58,10 +62,12 @@ def _option(value: Any, help: str, **parts: Any) -> Any:
     return field(default=value, metadata={"help": help, **parts})
 
 
-def _angles(default: float, help: str) -> Any:
+def _angles(help: str) -> Any:
     """Return a dataclass field of angles, which are given in degrees, separated by commas."""
 
-    def read(text: str) -> tuple[float, ...]:
+    def read(text: str | None) -> tuple[float, ...] | None:
+        if text is None:
+            return None
         try:
             return tuple(map(float, text.split(",")))
         except ValueError as error:
@@ -69,11 +75,13 @@ def _angles(default: float, help: str) -> Any:
                 f"'{text}': not numbers; give degrees separated by commas, as in 0,90,180"
             ) from error
 
-    more = {"metavar": "DEGREES", "kind": str, "convert": read, "default": f"{default:g}"}
-    return _option((default,), f"{help}. Several, comma-separated, give an image for each.", **more)
+    more = {"metavar": "DEGREES", "kind": str | None, "convert": read}
+    return _option(None, f"{help} Several, comma-separated, give an image for each.", **more)
 
 
-def _size(text: str) -> int:
+def _size(text: str | None) -> int | None:
+    if text is None:
+        return None
     if text.lower().partition("x")[
         2
     ]:  # a width and a height, as in 512x512; 512px is another error
@@ -115,8 +123,19 @@ class RenderOptions:
         "images are replaced. Default: beside the cloud, with its name and .png.",
         flag="--out -o",
     )
-    azimuth: tuple[float, ...] = _angles(30.0, "Azimuth in degrees; 0 is the front")
-    elevation: tuple[float, ...] = _angles(20.0, "Elevation in degrees, -90 to 90; 0 is level")
+    azimuth: tuple[float, ...] | None = _angles(
+        f"Azimuth in degrees; 0 is the front. Default: {_AZIMUTH:g}."
+    )
+    elevation: tuple[float, ...] | None = _angles(
+        f"Elevation in degrees, -90 to 90; 0 is level. Default: {_ELEVATION:g}."
+    )
+    camera: Path | None = _option(  # noqa: RUF009
+        None,
+        "JSON file of pinhole cameras, of Open3D or a transforms.json, in the coordinates of the "
+        "cloud's file: an image for each, of their width and height. Default: --azimuth and "
+        "--elevation.",
+        metavar="FILE",
+    )
     format: Literal["png", "jpg", "webp", "gif"] = _option(
         "png",
         "Format of the images that -o does not name: of those in a folder, or beside a cloud.",
@@ -126,15 +145,14 @@ class RenderOptions:
         "Images of a turntable, from the azimuth all around; of a .webp 1 is a still image. "
         f"Default: {_FRAMES}.",
     )
-    size: int = _option(
-        IMAGE_SIZE,
+    size: int | None = _option(
+        None,
         f"Width and height in pixels, {ANY_SIZE[0]} to {ANY_SIZE[-1]}. Surfaces and discs are "
         "drawn at that size, and details by fused-net; images of other networks are resampled to "
-        "it, and a note says so.",
+        f"it, and a note says so. Default: {IMAGE_SIZE}.",
         metavar="PIXELS",
-        kind=str,
+        kind=str | None,
         convert=_size,
-        default=str(IMAGE_SIZE),
     )
     background: Literal["white", "transparent"] = _option(
         "white", "White, or transparent pixels (.png or .webp)."
@@ -173,11 +191,16 @@ class RenderOptions:
     @property
     def views(self) -> tuple[View, ...]:
         """Return a view for each pair of angles. Raises BadInput for an angle out of its range."""
-        angles = itertools.product(self.elevation, self.azimuth)
+        angles = itertools.product(self.elevation or (_ELEVATION,), self.azimuth or (_AZIMUTH,))
         try:
             return tuple(dict.fromkeys(View(azimuth, elevation) for elevation, azimuth in angles))
         except ValueError as error:
             raise BadInput(f"no such view: {error}; see 'bench render --help'") from error
+
+    @property
+    def side(self) -> int:
+        """Return the width and height of images in pixels, without a camera."""
+        return self.size or IMAGE_SIZE
 
     @property
     def methods(self) -> tuple[str, ...]:
@@ -194,8 +217,11 @@ class RenderOptions:
 def check(options: RenderOptions, out: Path) -> None:
     """Raise BadInput for options that are wrong whatever the file holds and the methods do."""
     is_turntable = moves(out)  # raises BadInput where the name has no suffix of an image
-    size, views = options.size, len(options.views)
-    _check_frames(options, out, is_turntable)
+    size, views = options.side, len(options.views)
+    if options.camera is None:
+        _check_frames(options, out, is_turntable)
+    else:
+        _check_beside_camera(options, out)
     if options.points is not None and options.points < 1:
         raise BadInput(f"--points {options.points}: must be at least 1")
     is_sheet = len(options.methods) > 1
@@ -205,7 +231,7 @@ def check(options: RenderOptions, out: Path) -> None:
             "leave out --size"
         )
     images = views
-    if views == 1 and is_turntable:
+    if views == 1 and is_turntable and options.camera is None:
         images = options.frames or _FRAMES
     if images * size**2 > _MOST_PIXELS:
         raise BadInput(
@@ -239,13 +265,52 @@ def _check_frames(options: RenderOptions, out: Path, is_turntable: bool) -> None
         )
 
 
+def _check_beside_camera(options: RenderOptions, out: Path) -> None:
+    """Raise BadInput for options that contradict a camera, and for methods that know none."""
+    for name in ("azimuth", "elevation", "size", "frames"):
+        if getattr(options, name) is not None:
+            raise BadInput(
+                f"--{name}: the file of --camera says where its cameras stand, and how large their "
+                f"images are; leave out --{name}, or --camera"
+            )
+    if options.as_is:
+        raise BadInput("--as-is: a camera moves with its cloud; leave out --as-is, or --camera")
+    if out.suffix.lower() == ".gif":
+        raise BadInput(f"{out}: cameras give still images; give a name that ends in .png")
+    if len(options.methods) > 1:
+        raise BadInput(
+            f"--camera {options.camera}: a sheet of several methods has its own cameras; give one "
+            "method, or leave out --camera"
+        )
+    for method in options.methods:
+        check_camera(method)
+
+
+def _pinholes(options: RenderOptions) -> Pinholes | None:
+    """Return the cameras of --camera, in our axes; None without it.
+
+    Raises BadInput where the file holds none, or too many.
+    """
+    if options.camera is None:
+        return None
+    pinholes = read_pinholes(options.camera, ANY_SIZE)
+    count, side = len(pinholes.names), max(pinholes.width, pinholes.height)
+    most = min(_MOST_FRAMES, _MOST_PIXELS // side**2)
+    if count > most:
+        raise BadInput(
+            f"{options.camera}: {count} cameras, and at most {most} of {pinholes.width} x "
+            f"{pinholes.height} pixels are drawn; divide the file, or make the images smaller"
+        )
+    return pinholes.turned(options.up or "y", options.front)
+
+
 def views_of(options: RenderOptions, out: Path) -> tuple[View, ...]:
     """Return the views that the options name, or, where the file is a turntable, all its views.
 
     Raises BadInput as `RenderOptions.views` does.
     """
     first, *others = options.views
-    if others or not moves(out):
+    if others or options.camera or not moves(out):
         return options.views
     frames = options.frames or _FRAMES
     turned = (first.azimuth_deg + 360 * i / frames for i in range(frames))
@@ -274,7 +339,10 @@ def notes_on(options: RenderOptions) -> Notes:
     """
     if options.budget is not None:
         return ()
-    return (*notes_on_methods(options.methods), *notes_on_size(options.methods, options.size))
+    notes = notes_on_methods(options.methods)
+    if options.camera is None:
+        notes += notes_on_size(options.methods, options.side)
+    return notes
 
 
 class _RenderResult(NamedTuple):
@@ -309,14 +377,15 @@ def render(clouds: Sequence[Path], options: RenderOptions) -> _RenderResult:
     images, left_out = _image_of_each(clouds, options)
     any_image = next(iter(images.values()))
     check(options, any_image)
-    views = views_of(options, any_image)
-    shots = {cloud: files_of_views(image, options.views) for cloud, image in images.items()}
+    views, pinholes = views_of(options, any_image), _pinholes(options)
+    names = names_of_views(options.views) if pinholes is None else pinholes.names
+    shots = {cloud: files_of_views(image, names) for cloud, image in images.items()}
     for image in shots[clouds[0]] if alone else ():
         if options.out is None and image.exists():
             raise BadInput(
                 f"{image}: exists already; -o {any_image} replaces it, -o NAME keeps both"
             )
-    size, background = options.size, options.background
+    size, background = options.side, options.background
     drawings = [
         Drawing(
             method,
@@ -325,6 +394,7 @@ def render(clouds: Sequence[Path], options: RenderOptions) -> _RenderResult:
             size=size,
             background=background,
             budget_ms=options.budget,
+            pinholes=pinholes,
         )
         for method in options.methods
     ]

@@ -5,6 +5,7 @@ from __future__ import annotations
 from collections.abc import Sequence
 
 from bench.catalogue.chosen import MOST_MEASURED, best_within
+from bench.catalogue.lookup import family_of
 from bench.catalogue.methods import RECOMMENDED, RECOMMENDED_IN_COLOUR, Method, find_method
 from data_prep.failures import BadInput
 from data_prep.scene import CLOUD_SIZE
@@ -37,6 +38,15 @@ def check_colour(method_id: str, colour: str) -> None:
         raise BadInput(
             f"method '{method_id}' makes colours up; give method {RECOMMENDED}, or another one "
             f"that draws in grey, or leave out the colour '{colour}'"
+        )
+
+
+def check_camera(method_id: str) -> None:
+    """Raise BadInput for a method that knows no cameras but those of azimuth and elevation."""
+    if family_of(method_id) == "pc2pix":
+        raise BadInput(
+            f"method '{method_id}' knows a camera by azimuth and elevation alone; give these in "
+            "place of the camera, or another method"
         )
 
 

@@ -10,7 +10,7 @@ from collections import deque
 from collections.abc import Iterable, Iterator, Sequence
 from dataclasses import dataclass, replace
 from functools import partial
-from typing import Any, Literal, NamedTuple, get_args
+from typing import Any, Literal, NamedTuple, cast, get_args
 
 import numpy as np
 from numpy.typing import NDArray
@@ -21,14 +21,17 @@ from bench.draw.choice import COLOUR_METHOD, Notes, find_drawer, notes_on_size, 
 from bench.draw.cloud_file import CloudFile, LoadedCloud, check_count
 from bench.draw.colours import in_colours
 from bench.draw.finish import enlarged, guessed_coverage, resized, without_background
+from bench.draw.shots import Shots, shots_of
 from bench.draw.thread import on_drawing_thread, one_pool
 from bench.running.pool import WorkerFailure, run_tasks
 from bench.running.work import draw, load_renderer, reason_of
 from data_prep.failures import BadInput, MissingDependency
+from data_prep.files.pinholes import Pinholes
 from data_prep.randomness import generator
 from data_prep.rendering.dots import draw_dots
 from data_prep.scene import (
     IMAGE_SIZE,
+    AnyView,
     Images,
     PointCloud,
     Renderer,
@@ -51,7 +54,7 @@ class Drawing:
     ----------
     method : str
         Id of a method, see `bench list`.
-    views : tuple of View
+    views : tuple of View or Camera
         The views, in the order of the images.
     device : str
         "auto", "cpu" or "cuda", for networks.
@@ -68,6 +71,9 @@ class Drawing:
     budget_ms : float or None
         For a file, milliseconds for an image that choose the method by the number of its points, in
         place of `method`.
+    pinholes : Pinholes or None
+        Cameras of a file in the place of views, turned as the points are. Their images have the
+        width and height of the file, in the place of `size`.
 
     Raises
     ------
@@ -76,23 +82,24 @@ class Drawing:
     """
 
     method: str
-    views: tuple[View, ...]
+    views: tuple[AnyView, ...]
     device: str = "auto"
     batch: int | None = None
     rng: np.random.Generator | None = None
     size: int = IMAGE_SIZE
     background: Background = "white"
     budget_ms: float | None = None
+    pinholes: Pinholes | None = None
 
     def __post_init__(self) -> None:
         if not isinstance(self.size, int | np.integer) or self.size not in ANY_SIZE:
             raise BadInput(
                 f"size {self.size!r}: must be a whole number, {ANY_SIZE[0]} to {ANY_SIZE[-1]}"
             )
-        if not self.views:
+        if not self.views and self.pinholes is None:
             raise BadInput("views: there are none; give at least one View")
         for view in self.views:
-            if not isinstance(view, View):
+            if not isinstance(view, AnyView):
                 raise BadInput(
                     f"views: {view!r} is no View; give a tuple of View(azimuth, elevation)"
                 )
@@ -230,11 +237,13 @@ def warn(notes: Sequence[str], levels: int) -> None:
         warnings.warn(note, stacklevel=levels + 1)
 
 
-def _draw(cloud: PointCloud, drawing: Drawing) -> tuple[UInt8Images | Failed, Notes]:
+def _draw(
+    cloud: PointCloud, drawing: Drawing, shots: Shots | None = None
+) -> tuple[UInt8Images | Failed, Notes]:
     renderer: Renderer | None = None
     try:
         renderer = load_renderer(drawing.method, drawing.device)
-        drawn = draw_views(renderer, cloud, drawing)
+        drawn = draw_views(renderer, cloud, drawing, shots)
         return drawn.images, drawn.notes
     except MissingDependency:
         raise
@@ -276,15 +285,26 @@ class DrawnViews:
     notes: Notes
 
 
-def draw_views(renderer: Renderer, cloud: PointCloud, drawing: Drawing) -> DrawnViews:
+def draw_views(
+    renderer: Renderer, cloud: PointCloud, drawing: Drawing, shots: Shots | None = None
+) -> DrawnViews:
     """Draw a cloud with the method's renderer. Raises whatever the method raises.
 
     The images are in the colours of the cloud where it has some and the method draws in grey.
+
+    shots  those of `drawing.pinholes`, in place of its views
     """
+    if shots is not None:
+        parts = replace(drawing, views=shots.cameras, size=shots.size, pinholes=None)
+        drawn_parts = draw_views(renderer, cloud, parts)
+        notes = (*notes_on_size((drawing.method,), shots.size), *drawn_parts.notes)
+        return DrawnViews(shots.whole(drawn_parts.images), drawn_parts.state, notes)
     method, rng = find_method(drawing.method), drawing.rng or generator("render")
     side, keeper = method.drawn_at(drawing.size), _Keeper(renderer)
     batch = drawing.batch or max(1, _MOST_PIXELS // side**2)
-    drawn = draw(method, keeper, cloud, drawing.views, rng, batch, side=side).images
+    # Methods that know views alone are refused where cameras are given (`check_camera`).
+    views = cast("tuple[View, ...]", drawing.views)
+    drawn = draw(method, keeper, cloud, views, rng, batch, side=side).images
     notes = tuple(f"{method.id}: {note}" for note in getattr(keeper.state, "notes", ()))
     painted = cloud.colors is not None and method.id != COLOUR_METHOD
     if painted and method.color != "none":
@@ -335,12 +355,17 @@ def _read_or_draw(task: _Task) -> LoadedCloud | tuple[Drawn, Notes]:
     if isinstance(wanted, Dots):
         return draw_dots(loaded.cloud.points, wanted.views), loaded.notes
     of_choice: Notes = ()
-    if wanted.budget_ms is not None:
-        try:
+    shots = None
+    try:
+        if wanted.budget_ms is not None:
             method_id, note = within_budget(wanted.budget_ms, len(loaded.cloud))
-        except BadInput as error:
-            return BadInput(f"{file.path}: {error}"), ()
-        wanted = replace(wanted, method=method_id)
-        of_choice = (note, *notes_on_size((method_id,), wanted.size))
-    drawn, notes = _draw(loaded.cloud, wanted)
+            wanted = replace(wanted, method=method_id)
+            of_choice = (note,)
+            if wanted.pinholes is None:
+                of_choice += notes_on_size((method_id,), wanted.size)
+        if wanted.pinholes is not None:
+            shots = shots_of(wanted.pinholes, loaded.cloud, loaded.place)
+    except BadInput as error:
+        return BadInput(f"{file.path}: {error}"), ()
+    drawn, notes = _draw(loaded.cloud, wanted, shots)
     return drawn, (*loaded.notes, *(f"{file.path}: {note}" for note in (*of_choice, *notes)))

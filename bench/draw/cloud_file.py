@@ -14,7 +14,7 @@ from bench.draw.choice import Notes
 from bench.draw.orientation_hints import looks_like_a_line, looks_lying
 from data_prep.clouds.coarse_steps import note_on_steps
 from data_prep.clouds.far_points import far_points, note_on_far
-from data_prep.clouds.normalise import normalise_points
+from data_prep.clouds.normalise import Placement, placed_points
 from data_prep.clouds.orientations import upright
 from data_prep.clouds.sampling import random_rows, sample_faces
 from data_prep.failures import BadInput
@@ -120,11 +120,12 @@ class CloudFile:
             kept = kept[~far]
         if self.most is not None:
             kept = kept[random_rows(len(kept), self.most)]
-        cloud = self._scaled(points[kept])
+        cloud, place = self._scaled(points[kept])
         notes += self._notes_on_shape(cloud, has_far=bool(far.any()) and not self.drop_far)
         if contents.colors is not None:
             cloud = replace(cloud, colors=contents.colors[kept])
-        return LoadedCloud(cloud, tuple(f"{self.path}: {note}" for note in notes))
+        named = tuple(f"{self.path}: {note}" for note in notes)
+        return LoadedCloud(cloud, named, place)
 
     def _contents(self) -> tuple[CloudContents, list[str]]:
         """Return the contents of the file, and notes on them.
@@ -199,12 +200,12 @@ class CloudFile:
         unused = tuple(part for part in contents.unused if not part.endswith("faces"))
         return CloudContents(points, unused, None, contents.has_colors, colors)
 
-    def _scaled(self, points: NDArray[np.float64]) -> PointCloud:
+    def _scaled(self, points: NDArray[np.float64]) -> tuple[PointCloud, Placement]:
         if self.as_is:
             with np.errstate(over="ignore"):  # numbers too large for float32 become infinite
-                return PointCloud(points.astype(np.float32))
+                return PointCloud(points.astype(np.float32)), Placement(np.zeros(3), 1.0)
         try:
-            return normalise_points(points)
+            return placed_points(points)
         except BadInput as error:
             raise BadInput(f"{self.path}: {error}") from error
 
@@ -235,10 +236,12 @@ class LoadedCloud:
 
     cloud  the points, with their colours where these were asked for and the file has some
     notes  lines on what was left out or guessed
+    place  where its unit sphere lies in the file, turned upright
     """
 
     cloud: PointCloud
     notes: Notes
+    place: Placement
 
 
 def _unused(contents: CloudContents) -> Iterator[str]:

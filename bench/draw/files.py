@@ -45,15 +45,19 @@ def image_of_cloud(cloud: Path, out: Path | None, form: str = "png") -> Path:
     return image
 
 
-def files_of_views(image: Path, views: Sequence[View]) -> tuple[Path, ...]:
-    """Return a file for each view, named after the image and the angles of the view.
+def names_of_views(views: Sequence[View]) -> tuple[str, ...]:
+    """Return a name for each view, of its angles."""
+    return tuple(f"az{view.azimuth_deg:.15g}-el{view.elevation_deg:.15g}" for view in views)
+
+
+def files_of_views(image: Path, names: Sequence[str]) -> tuple[Path, ...]:
+    """Return a file for each view, named after the image and the view.
 
     For a single view that is the image itself. A turntable has one view, from which it starts.
     """
-    if len(views) == 1:
+    if len(names) == 1:
         return (image,)
-    angles = (f"az{view.azimuth_deg:.15g}-el{view.elevation_deg:.15g}" for view in views)
-    return tuple(image.with_name(f"{image.stem}-{name}{image.suffix}") for name in angles)
+    return tuple(image.with_name(f"{image.stem}-{name}{image.suffix}") for name in names)
 
 
 def images_of_clouds(

@@ -14,9 +14,10 @@ from typing import Any, Literal, cast, overload
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
-from bench.catalogue.methods import METHODS
+from bench.catalogue.methods import ANY_SIZE, METHODS
 from bench.draw.choice import (
     Notes,
+    check_camera,
     check_colour,
     find_drawer,
     methods_to_draw,
@@ -26,9 +27,11 @@ from bench.draw.choice import (
 )
 from bench.draw.cloud import Background, Drawing, DrawnViews, draw_views, warn
 from bench.draw.cloud_file import CloudFile, FileColours, far_with_notes
+from bench.draw.shots import shots_of
 from bench.draw.thread import on_drawing_thread
 from bench.running.work import load_renderer
-from data_prep.clouds.normalise import cloud_of_points, real_points
+from data_prep.clouds.normalise import Placement, placed_points, real_points
+from data_prep.clouds.orientations import upright
 from data_prep.failures import BadInput
 from data_prep.files.cloud_contents import (
     NotACloud,
@@ -37,8 +40,9 @@ from data_prep.files.cloud_contents import (
     color_columns,
     colors_of,
 )
+from data_prep.files.pinholes import Pinholes, pinholes_of, read_pinholes
 from data_prep.files.safe_read import shown
-from data_prep.rendering.camera import FARTHEST
+from data_prep.rendering.camera import farthest_depth
 from data_prep.rendering.raycast import surface_maps
 from data_prep.scene import IMAGE_SIZE, Mesh, PointCloud, View
 
@@ -84,6 +88,7 @@ class SurfaceMaps:
 def _draw(
     points: ArrayLike | Path,
     views: Sequence[View],
+    pinholes: Pinholes | None = None,
     *,
     up: str = "y",
     front: str | None = None,
@@ -117,7 +122,18 @@ def _draw(
         (method_id,) = methods_to_draw(named, colour == "invented", budget_ms)
         find_drawer(method_id)
         check_colour(method_id, colour)
-        drawing = Drawing(method_id, tuple(views), device=device, size=size, background=background)
+        turned = None
+        if pinholes is not None:
+            check_camera(method_id)
+            turned = pinholes.turned(up, front)
+        drawing = Drawing(
+            method_id,
+            tuple(views),
+            device=device,
+            size=size,
+            background=background,
+            pinholes=turned,
+        )
         if len(views) * size**2 > _MOST_PIXELS:
             raise BadInput(
                 f"size {size}: at most {int((_MOST_PIXELS / len(views)) ** 0.5)} with "
@@ -130,11 +146,11 @@ def _draw(
                     f"{points}: {given}= is for arrays; leave it out, and name the columns of a "
                     "file in its first line"
                 )
-            cloud, on_points = _cloud_of_file(
+            cloud, place, on_points = _cloud_of_file(
                 points, of_points, up=up, front=front, drop_far=drop_far, drop_invalid=drop_invalid
             )
         else:
-            cloud, on_points = _cloud_of_array(
+            cloud, place, on_points = _cloud_of_array(
                 points,
                 columns,
                 up=up,
@@ -151,8 +167,10 @@ def _draw(
             drawing = replace(drawing, method=method_id)
             notes.append(of_choice)
         notes.extend(notes_on_methods((method_id,)))
-        notes.extend(notes_on_size((method_id,), size))
-        drawn = draw_views(load_renderer(method_id, device), cloud, drawing)
+        shots = None if turned is None else shots_of(turned, cloud, place)
+        if shots is None:
+            notes.extend(notes_on_size((method_id,), size))
+        drawn = draw_views(load_renderer(method_id, device), cloud, drawing, shots)
         notes.extend(drawn.notes)
         return drawing, drawn
 
@@ -162,7 +180,7 @@ def _draw(
         warn(notes, levels=3)  # at the line that calls `draw_cloud` or `turntable`
 
 
-OPTIONS = tuple(inspect.signature(_draw).parameters)[2:]  # the names of all but points and views
+OPTIONS = tuple(inspect.signature(_draw).parameters)[3:]  # the names of all but points and cameras
 
 
 def _cloud_of_file(
@@ -173,7 +191,7 @@ def _cloud_of_file(
     front: str | None,
     drop_far: bool,
     drop_invalid: bool,
-) -> tuple[PointCloud, Notes]:
+) -> tuple[PointCloud, Placement, Notes]:
     path = Path(file)
     if path.is_dir():
         raise BadInput(f"{path}: is a folder; give a file of points")
@@ -188,10 +206,10 @@ def _cloud_of_file(
         up_unknown=up == "y",  # "y" is the default, which the caller may not have thought about
     )
     try:
-        cloud, notes = as_asked.load_with_notes()
+        loaded = as_asked.load_all()
     except BadInput as error:
         raise BadInput(_in_python(str(error))) from error
-    return cloud, tuple(map(_in_python, notes))
+    return loaded.cloud, loaded.place, tuple(map(_in_python, loaded.notes))
 
 
 def _cloud_of_array(
@@ -203,7 +221,7 @@ def _cloud_of_array(
     drop_far: bool,
     drop_invalid: bool,
     colors: PointColors | None,
-) -> tuple[PointCloud, Notes]:
+) -> tuple[PointCloud, Placement, Notes]:
     chosen, notes = _three_columns(points, columns)
     values = real_points(chosen)
     if colors is not None and len(colors) != len(values):
@@ -224,10 +242,10 @@ def _cloud_of_array(
     far, of_far = far_with_notes(values[kept], drop_far, "drop_far=True")
     if drop_far:
         kept = kept[~far]
-    cloud = cloud_of_points(values[kept], up, front)
+    cloud, place = placed_points(upright(values[kept], up, front))
     if colors is not None:
         cloud = replace(cloud, colors=colors[kept])
-    return cloud, (*notes, *of_far)
+    return cloud, place, (*notes, *of_far)
 
 
 def _colours_of_array(points: Any, colors: ArrayLike | None) -> PointColors | None:
@@ -267,7 +285,7 @@ def _maps_of(drawing: Drawing, drawn: DrawnViews) -> SurfaceMaps:
         )
     maps = partial(surface_maps, mesh, drawing.views[:1], drawing.size, limited=False)
     ((mask, nearness, *normal),) = on_drawing_thread(maps)
-    depth = np.where(mask > 0, FARTHEST - 2 * nearness, np.float32(np.inf))
+    depth = np.where(mask > 0, farthest_depth(drawing.views[0]) - 2 * nearness, np.float32(np.inf))
     return SurfaceMaps(depth, mask, np.stack(normal, axis=-1))
 
 
@@ -330,6 +348,7 @@ def draw_cloud(
     elevation_deg: float = 20.0,
     *,
     return_maps: bool = False,
+    camera: str | Path | Mapping[str, Any] | None = None,
     **options: Any,
 ) -> Any:
     """Return an image of points in any units, as `bench render` draws it.
@@ -355,6 +374,10 @@ def draw_cloud(
         -90..90; the networks were trained within -40..40.
     return_maps : bool
         Whether to return the depth, mask and normals of the method's surface as well.
+    camera : path or dict
+        One pinhole camera in the coordinates of the points, in place of the angles and the size: a
+        file that Open3D or a converter of COLMAP has written, or a dict of the same contents. The
+        image has its width and height. `docs/rendering.md` has the formats.
     up, front : str
         Axes of the points that point up and to the front, such as "z" or "-x". The default is "y",
         with the front "-z", or "-y" where z is up.
@@ -393,15 +416,17 @@ def draw_cloud(
     Returns
     -------
     ndarray, or ndarray and SurfaceMaps
-        uint8 [size, size, 3] on white, or [size, size, 4]; with `return_maps` also the maps.
+        uint8 [size, size, 3] on white, or [size, size, 4]; with `return_maps` also the maps. By a
+        `camera` it is [height, width, 3] or [height, width, 4].
 
     Raises
     ------
     data_prep.failures.BadInput
         For a cloud without points, without extent or with points that are not finite, for a file
         that is no cloud, for an unknown axis, method, size, background or column, for unusable
-        weights, for a budget below the cheapest method, for a method with a budget, and for maps
-        of a method that makes no surface. It is a ValueError.
+        weights, for a budget below the cheapest method, for a method with a budget, for maps
+        of a method that makes no surface, and for a camera that is no pinhole, sees no point, or is
+        given beside angles, a size or maps. It is a ValueError.
     ValueError
         For `points` that are no array [N, 3] of real numbers, and for an angle out of its range.
     TypeError
@@ -410,6 +435,11 @@ def draw_cloud(
         Where the method cannot draw this cloud.
     """
     _check_options("draw_cloud", "azimuth_deg", options)
+    if camera is not None:
+        beside = "size" if "size" in options else "return_maps" if return_maps else None
+        if (azimuth_deg, elevation_deg) != (30.0, 20.0):
+            beside = "angles"
+        return _draw(points, [], _one_camera(camera, beside), **options)[1].images[0]
     drawing, drawn = _draw(points, [View(azimuth_deg, elevation_deg)], **options)
     if return_maps:
         return drawn.images[0], _maps_of(drawing, drawn)
@@ -449,6 +479,25 @@ def turntable(
     _check_options("turntable", "frames", options)
     _, drawn = _draw(points, views, **options)
     return drawn.images
+
+
+def _one_camera(camera: str | Path | Mapping[str, Any], beside: str | None) -> Pinholes:
+    """Return the camera of a file or dict. Raises BadInput where it is none, or not a single one.
+
+    beside  what else is given, which a camera replaces; None for nothing
+    """
+    if beside is not None:
+        raise BadInput(f"{beside}: a camera has its own; leave out {beside}, or the camera")
+    if isinstance(camera, Mapping):
+        pinholes = pinholes_of(camera, "the dict", ANY_SIZE)
+    else:
+        pinholes = read_pinholes(Path(camera), ANY_SIZE)
+    if len(pinholes.names) > 1:
+        raise BadInput(
+            f"{pinholes.source}: {len(pinholes.names)} cameras; give a dict with one of them, or "
+            "draw all with 'bench render --camera'"
+        )
+    return pinholes
 
 
 def _check_options(caller: str, first: str, options: Mapping[str, Any]) -> None:

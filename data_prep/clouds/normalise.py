@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import warnings
+from dataclasses import dataclass
 from typing import Any, cast
 
 import numpy as np
@@ -83,6 +84,18 @@ def real_points(points: ArrayLike) -> NDArray[np.float64]:
     return given.astype(np.float64)
 
 
+@dataclass(frozen=True, eq=False)
+class Placement:
+    """The sphere that `normalise_points` brings to the unit sphere.
+
+    centre  float64 [3], in the units of the points
+    radius  in the same units
+    """
+
+    centre: NDArray[np.float64]
+    radius: float
+
+
 def normalise_points(points: NDArray[Any]) -> PointCloud:
     """Centre points and scale them to the unit sphere.
 
@@ -107,6 +120,11 @@ def normalise_points(points: NDArray[Any]) -> PointCloud:
     BadInput
         If the cloud is empty, a point is not finite, or all points are equal.
     """
+    return placed_points(points)[0]
+
+
+def placed_points(points: NDArray[Any]) -> tuple[PointCloud, Placement]:
+    """Return the cloud as `normalise_points` does, and where its unit sphere lay."""
     if points.dtype.kind not in "fiu" or points.shape[1:] != (3,):
         raise ValueError(f"expected real numbers [N, 3], got {points.dtype} {list(points.shape)}")
     if len(points) == 0:
@@ -122,16 +140,22 @@ def normalise_points(points: NDArray[Any]) -> PointCloud:
     # Powers of two, which round nothing: a tiny cloud is enlarged before its centre is taken, and
     # every cloud brought to the size of 1 before its coordinates are squared. Centred twice: far
     # from the origin the centre is rounded as coarsely as the points, but differences are exact.
-    values = np.ldexp(values, max(0, -_exponent(values)))
-    centred = values - _centre(values)
+    enlarged = max(0, -_exponent(values))
+    values = np.ldexp(values, enlarged)
+    first = _centre(values)
+    centred = values - first
     if not centred.any():
         raise BadInput(
             f"all {len(points)} points are equal, at {points[0].tolist()}; a cloud needs an extent"
         )
-    centred = np.ldexp(centred, -_exponent(centred))
-    centred -= _centre(centred)
+    reduced = _exponent(centred)
+    centred = np.ldexp(centred, -reduced)
+    second = _centre(centred)
+    centred -= second
     radius = np.sqrt((centred**2).sum(axis=1).max())
-    return PointCloud((centred / radius).astype(np.float32))
+    middle = np.ldexp(first + np.ldexp(second, reduced), -enlarged)
+    place = Placement(middle, float(np.ldexp(radius, reduced - enlarged)))
+    return PointCloud((centred / radius).astype(np.float32)), place
 
 
 def _centre(values: NDArray[np.float64]) -> NDArray[np.float64]:

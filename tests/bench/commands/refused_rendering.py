@@ -2,6 +2,11 @@
 
 WRITTEN = "images are written as PNG or JPEG, turntables as GIF or WebP; give a name that"
 BOTH = "clouds/a.xyz and other/a.xyz would both be drawn as images/a.png; rename one, or draw "
+_CAMERA = {
+    "intrinsic": {"width": 2048, "height": 16, "intrinsic_matrix": [9, 0, 0, 0, 9, 0, 8, 8, 1]},
+    "extrinsic": [1, 0, 0, 0, 0, 1, 0, 0, 0, 0, 1, 0, 0, 0, -50, 1],
+}
+CAMERAS = {"camera.json": _CAMERA, "cameras.json": {"parameters": [_CAMERA] * 9}}
 _BY_START = {
     "render cloud.xyz": {
         "--budget 50ms --method splat": "budget 50ms: it chooses the method, and splat is named",
@@ -47,6 +52,18 @@ _BY_START = {
         "--background transparent -o a.gif": "a.gif: a GIF cannot have transparent",
         "--background transparent -o a.jpg": "a.jpg: a JPEG cannot have transparent",
         "--background transparent --method splat,blank": "transparent: a sheet is white; give one",
+    },
+    "render cloud.xyz --method splat --camera camera.json": {
+        "": "cloud.xyz: the camera of camera.json looks away from the cloud; give it in the coord",
+        "--azimuth 30": "--azimuth: the file of --camera says where its cameras stand, and how",
+        "--size 128": "--size: the file of --camera says where",
+        "--frames 1 -o a.webp": "--frames: the file of --camera says where",
+        "-o a.gif": "a.gif: cameras give still images; give a name that ends in .png",
+        "--as-is": "--as-is: a camera moves with its cloud; leave out --as-is, or --camera",
+        "--method splat,blank": "--camera camera.json: a sheet of several methods has its own",
+        "--method pc2pix@all": "method 'pc2pix@all' knows a camera by azimuth and elevation alone",
+        "--camera cloud.xyz": "cloud.xyz: not JSON; give one of Open3D",
+        "--camera cameras.json": "cameras.json: 9 cameras, and at most 8 of 2048 x 16 pixels are ",
     },
     "render": {
         ".": ".: a folder; give a folder for the images, -o FOLDER",

@@ -24,7 +24,7 @@ from data_prep.files.checksums import file_sha256
 from learning.weights import FILES as WEIGHTS
 
 from ..builders import make_manifest, write_run
-from .refused_rendering import RENDERING
+from .refused_rendering import CAMERAS, RENDERING
 
 OLDER, NEWER = PROTOCOL_VERSION - 1, PROTOCOL_VERSION + 1
 OTHER_VERSIONS = (*range(1, PROTOCOL_VERSION), NEWER)
@@ -59,6 +59,7 @@ def export_texts(folder, version):
 
 # What lies in the folder where the command lines are typed: files and their text.
 FILES = {
+    **{name: json.dumps(camera) for name, camera in CAMERAS.items()},
     "columns.json": golden_text(["a,b", "1,2"]),
     "words.json": golden_text([GOLDEN[0], GOLDEN[1].replace("0.5", "half")]),
     "no-lines.json": golden_text(None),
