@@ -150,11 +150,9 @@ def placed_points(points: NDArray[Any]) -> tuple[PointCloud, Placement]:
         )
     reduced = _exponent(centred)
     centred = np.ldexp(centred, -reduced)
-    second = _centre(centred)
-    centred -= second
+    centred -= _centre(centred)
     radius = np.sqrt((centred**2).sum(axis=1).max())
-    middle = np.ldexp(first + np.ldexp(second, reduced), -enlarged)
-    place = Placement(middle, float(np.ldexp(radius, reduced - enlarged)))
+    place = Placement(np.ldexp(first, -enlarged), float(np.ldexp(radius, reduced - enlarged)))
     return PointCloud((centred / radius).astype(np.float32)), place
 
 
