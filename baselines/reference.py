@@ -18,8 +18,9 @@ from numpy.typing import NDArray
 from data_prep.datasets.objects import grey
 from data_prep.failures import StageFailure
 from data_prep.rendering.images import blank, to_float
+from data_prep.rendering.mesh import mesh_coverage
 from data_prep.rendering.opengl import render
-from data_prep.scene import Images, Mesh, PointCloud, View
+from data_prep.scene import IMAGE_SIZE, Images, Mesh, PointCloud, View
 
 CONSTANT_IMAGE = Path(__file__).with_name("constant.png")
 
@@ -47,11 +48,21 @@ class TrueMesh:
         return cloud.source if self.coloured else grey(cloud.source)
 
     def draw(
-        self, state: Mesh, views: Sequence[View], rng: np.random.Generator | None = None
+        self,
+        state: Mesh,
+        views: Sequence[View],
+        rng: np.random.Generator | None = None,
+        size: int = IMAGE_SIZE,
     ) -> Images:
-        """Return images of the mesh, float32 [V, IMAGE_SIZE, IMAGE_SIZE, 3] in 0..1."""
+        """Return images of the mesh, float32 [V, size, size, 3] in 0..1."""
         del rng
-        return to_float(render(state, views))
+        return to_float(render(state, views, size))
+
+    def coverage(
+        self, state: Mesh, views: Sequence[View], size: int = IMAGE_SIZE
+    ) -> NDArray[np.float32]:
+        """Return the share of each pixel that the mesh covers, 0..1, [V, size, size]."""
+        return mesh_coverage(state, views, size, by=render)
 
 
 @dataclass(frozen=True, eq=False)

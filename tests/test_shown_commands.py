@@ -17,6 +17,7 @@ from typer.testing import CliRunner
 
 from bench.cli import app
 from data_prep.datasets.registry import open_dataset
+from data_prep.scene import Mesh
 
 pytestmark = pytest.mark.slow
 
@@ -87,6 +88,14 @@ def run(words: list[str]) -> tuple[int, str, str]:
     return ended.exit_code, ended.output, ended.stdout
 
 
+def write_obj(mesh: Mesh, path: Path) -> None:
+    lines = [
+        *(f"v {x} {y} {z}" for x, y, z in mesh.vertices.tolist()),
+        *(f"f {a + 1} {b + 1} {c + 1}" for a, b, c in mesh.faces.tolist()),
+    ]
+    path.write_text("\n".join(lines))
+
+
 def test_they_run(tmp_path, monkeypatch):
     monkeypatch.chdir(tmp_path)
     monkeypatch.setenv("COLUMNS", "100")  # pytest-xdist sets 80
@@ -95,12 +104,7 @@ def test_they_run(tmp_path, monkeypatch):
     cloud.write_bytes((REPOSITORY / cloud).read_bytes())
     Path("meshes/chair").mkdir(parents=True)
     for index, shape in enumerate(open_dataset("procedural").objects("chair", 2, 2)):
-        mesh = shape.load()
-        lines = [
-            *(f"v {x} {y} {z}" for x, y, z in mesh.vertices.tolist()),
-            *(f"f {a + 1} {b + 1} {c + 1}" for a, b, c in mesh.faces.tolist()),
-        ]
-        Path(f"meshes/chair/{index}.obj").write_text("\n".join(lines))
+        write_obj(shape.load(), Path(f"meshes/chair/{index}.obj"))
     commands = [command for page in PAGES for command in shown(page)]
     assert len(commands) >= 20
     assert {*FURTHER} <= {*commands}, "what a page no longer shows"
@@ -123,6 +127,8 @@ def test_those_of_rendering_run(tmp_path, monkeypatch):
     page = (DOCS / "rendering.md").read_text(encoding="utf-8")
     (camera,) = (block for kind, block in BLOCK.findall(page) if kind == "json")
     Path("camera.json").write_text(camera)
+    (table,) = open_dataset("procedural").objects("table", 1, 1)
+    write_obj(table.load(), Path("table.obj"))
     for command in shown(DOCS / "rendering.md"):
         ended, output, _ = run(shlex.split(command))
         assert ended == 0, f"{command}: {output}"
@@ -130,12 +136,17 @@ def test_those_of_rendering_run(tmp_path, monkeypatch):
     for path in (path for path in Path().rglob("*") if path.suffix in (".png", ".gif")):
         with Image.open(path) as image:
             sizes[str(path)] = (image.size, getattr(image, "n_frames", 1))
-    of_one = ("chair", "pc2pix", "splat", "coloured", "budget", "lying", "images/chair")
+    of_one = (
+        *("chair", "pc2pix", "splat", "coloured", "budget", "lying", "table", "wrapped"),
+        *("images/chair", "images/table"),
+    )
     assert sizes == {
         **{f"{name}.png": ((128, 128), 1) for name in of_one},
         "large.png": ((512, 512), 1),
         "seen.png": ((320, 240), 1),
         "sheet.png": ((3 * 262 + 6, 2 * 280 + 6), 1),  # tiles with their margins and labels
         "turntable.gif": ((4 * 262 + 6, 280 + 6), 36),
+        "table-sheet.png": ((4 * 262 + 6, 280 + 6), 1),
         "turns/chair.gif": ((128, 128), 36),
+        "turns/table.gif": ((128, 128), 36),
     }

@@ -1,4 +1,4 @@
-"""`bench render`: images of clouds, sheets by several methods, or a turntable of either."""
+"""`bench render`: images of clouds and meshes, sheets by several methods, turntables of these."""
 
 from __future__ import annotations
 
@@ -21,6 +21,7 @@ from bench.draw.choice import (
     Notes,
     check_camera,
     check_colour,
+    method_of_mesh,
     methods_to_draw,
     notes_on_methods,
     notes_on_size,
@@ -107,7 +108,7 @@ class RenderOptions:
     method: tuple[str, ...] | None = _option(
         None,
         "Method, see 'bench list'; several, comma-separated, make a sheet. Default: "
-        f"{RECOMMENDED}, for any object.",
+        f"{RECOMMENDED}, for any object; a mesh is drawn itself, as by true-mesh.",
     )
     budget: float | None = _option(  # in milliseconds
         None,
@@ -157,10 +158,12 @@ class RenderOptions:
     background: Literal["white", "transparent"] = _option(
         "white", "White, or transparent pixels (.png or .webp)."
     )
-    colour: Literal["auto", "file", "grey", "invented"] = _option(
+    colour: str = _option(
         "auto",
         "auto: in the colours of the file, where it has any; file: in these, or an error; grey: "
-        "without them; invented: in those that a network makes up.",
+        "without them; invented: in those that a network makes up; height: by the height; or a "
+        "column of the file, such as intensity.",
+        metavar="auto|file|grey|invented|height|COLUMN",
     )
     up: str | None = _option(
         None, "Axis of the file that points up, -x to z; z for most scans. Default: y."
@@ -170,7 +173,8 @@ class RenderOptions:
     )
     points: int | None = _option(
         None,
-        "The most points to draw, chosen at random. Default: all; of a mesh 2048 on its surface.",
+        "The most points to draw, chosen at random; of a mesh so many on its surface, in place of "
+        "the mesh itself. Default: all; of a mesh 2048, where a method draws points of it.",
     )
     drop_invalid: bool = _option(
         False,
@@ -183,6 +187,11 @@ class RenderOptions:
     )
     device: Literal["auto", "cpu", "cuda"] = _option(
         "auto", "Where networks run; auto: on a GPU if there is one."
+    )
+    keep_mesh: Path | None = _option(  # noqa: RUF009
+        None,
+        "PLY into which the surface is written that the method made, in the units and axes of the "
+        "cloud's file; of one cloud, by one method that makes a surface. Default: none is kept.",
     )
     as_is: bool = _option(
         False, "Keep scale and place. Default: move the cloud into the unit sphere."
@@ -212,6 +221,16 @@ class RenderOptions:
         each other.
         """
         return methods_to_draw(self.method or (), self.colour == "invented", self.budget)
+
+    @property
+    def of_mesh(self) -> str | None:
+        """Return the method that draws a mesh itself; None where points of it are to be drawn.
+
+        That is where an option chooses the method, or speaks of points.
+        """
+        if self.method or self.budget is not None or self.points is not None or self.drop_far:
+            return None
+        return method_of_mesh(self.colour)
 
 
 def check(options: RenderOptions, out: Path) -> None:
@@ -332,27 +351,28 @@ def cloud_file(cloud: Path, options: RenderOptions) -> CloudFile:
     )
 
 
-def notes_on(options: RenderOptions) -> Notes:
+def notes_on(options: RenderOptions, methods: Sequence[str]) -> Notes:
     """Return notes on the methods, and on those that draw another size, which is resampled.
 
     With a budget there are none: each file has its own method, and the notes on it say which.
     """
     if options.budget is not None:
         return ()
-    notes = notes_on_methods(options.methods)
+    notes = notes_on_methods(methods)
     if options.camera is None:
-        notes += notes_on_size(options.methods, options.side)
+        notes += notes_on_size(methods, options.side)
     return notes
 
 
 class _RenderResult(NamedTuple):
     """The result of `bench render`.
 
-    images         the files that were written
+    images         the files that were written: images, and behind them the surface that is kept
     drawn          the number of clouds that have images
     failed         a line for each cloud that cannot be used, and for each method that failed
     without_image  the number of clouds that cannot be used, or whose methods all failed
     notes          lines on parts of files that are not used, and on what the methods did
+    methods        the methods that were to draw: where none is named, meshes have one of their own
     """
 
     images: tuple[Path, ...]
@@ -360,6 +380,7 @@ class _RenderResult(NamedTuple):
     failed: tuple[str, ...]
     without_image: int
     notes: Notes
+    methods: tuple[str, ...]
 
 
 def render(clouds: Sequence[Path], options: RenderOptions) -> _RenderResult:
@@ -377,6 +398,8 @@ def render(clouds: Sequence[Path], options: RenderOptions) -> _RenderResult:
     images, left_out = _image_of_each(clouds, options)
     any_image = next(iter(images.values()))
     check(options, any_image)
+    if options.keep_mesh is not None:
+        check_kept(options.keep_mesh, clouds, options.methods)
     views, pinholes = views_of(options, any_image), _pinholes(options)
     names = names_of_views(options.views) if pinholes is None else pinholes.names
     shots = {cloud: files_of_views(image, names) for cloud, image in images.items()}
@@ -395,6 +418,8 @@ def render(clouds: Sequence[Path], options: RenderOptions) -> _RenderResult:
             background=background,
             budget_ms=options.budget,
             pinholes=pinholes,
+            of_mesh=options.of_mesh,
+            keep_mesh=options.keep_mesh,
         )
         for method in options.methods
     ]
@@ -404,6 +429,7 @@ def render(clouds: Sequence[Path], options: RenderOptions) -> _RenderResult:
     files = {cloud: cloud_file(cloud, options) for cloud in images}
     failed: dict[Path, list[str]] = {}
     notes: dict[Path, Notes] = {}
+    used = dict.fromkeys(options.methods if options.of_mesh is None else ())
     written = set()
     for file, drawn, of_file in _draw_all(tuple(files.values()), wanted):
         cloud = file.path
@@ -412,17 +438,23 @@ def render(clouds: Sequence[Path], options: RenderOptions) -> _RenderResult:
             raise unusable
         notes[cloud] = of_file
         failed[cloud] = [str(unusable)] if unusable else _failures(file, drawn, named=not alone)
+        used |= {request.method: None for request in drawn if isinstance(request, Drawing)}
         if unusable is None and len(failed[cloud]) < len(drawings):
             frames, shot = _finished(drawn), shots[cloud]
             for i, image in enumerate(shot):
                 write_images(frames if len(shot) == 1 else frames[i : i + 1], image)
             written.add(cloud)
+    methods = tuple(used)
+    files_written = [image for cloud, shot in shots.items() if cloud in written for image in shot]
+    if written and options.keep_mesh is not None:
+        files_written.append(options.keep_mesh)
     return _RenderResult(
-        tuple(image for cloud, shot in shots.items() if cloud in written for image in shot),
+        tuple(files_written),
         len(written),
         tuple(line for cloud in images for line in failed[cloud]),
         len(images) - len(written),
-        left_out + _joined({cloud: notes[cloud] for cloud in images}) + notes_on(options),
+        left_out + _joined({cloud: notes[cloud] for cloud in images}) + notes_on(options, methods),
+        methods,
     )
 
 
@@ -494,9 +526,10 @@ def _draw_all(
             if len(drawn) == len(wanted):
                 del under_way[file]
                 of_requests = notes.pop(file)
+                # The only request may have been drawn by the method for meshes, as another one.
+                in_order = drawn if len(wanted) == 1 else {each: drawn[each] for each in wanted}
                 # Each request has the same notes on the file: they are kept once.
-                lines = (line for request in wanted for line in of_requests[request])
-                in_order = {request: drawn[request] for request in wanted}
+                lines = (line for request in in_order for line in of_requests[request])
                 yield file, in_order, tuple(dict.fromkeys(lines))
 
 
@@ -523,11 +556,15 @@ def render_clouds(
         list[Path],
         path_argument(
             "CLOUD",
-            "Files, or folders of them: PLY, NPY, XYZ, TXT, CSV, ASC, PTS, LAS, LAZ, E57, PCD.",
+            "Files, or folders of them: PLY, NPY, XYZ, TXT, CSV, ASC, PTS, LAS, LAZ, E57, PCD; of "
+            "meshes PLY, OBJ, OFF, STL, GLB, GLTF.",
         ),
     ],
 ) -> None:
-    """Draw the point clouds of files. Exit 1 if a cloud has no image as all its methods failed.
+    """Draw the clouds and meshes of files. Exit 1 if one has no image as all its methods failed.
+
+    Where no method is named, a mesh is drawn itself, in its colours. A method that is named draws
+    points of its surface; true-mesh beside others in a sheet draws the mesh.
 
     Each method gets 120 seconds, 4 GiB of memory and all points; of a large scan at most 2,097,152.
     Some methods use fewer, chosen at random: occupancy-net 2,048, pc2pix 8 x 1,024, fused-net,
@@ -546,9 +583,9 @@ def render_clouds(
         print(f"bench: {result.without_image} of {count} clouds have no image", file=sys.stderr)
     # The method that a budget chose stands in a note on each file.
     if result.images and options.budget is None and None in (options.out, options.method):
-        methods = visible(", ".join(options.methods))
+        methods = visible(", ".join(result.methods))
         # --budget is no advice where colours are wanted: it chooses among methods that draw grey.
-        by_default = options.method is None and options.colour != "invented"
+        by_default = options.method is None and RECOMMENDED in result.methods
         faster = "--budget 50ms is faster, " if by_default else ""
         print(f"drawn by {methods}; {faster}'bench list' has others", file=sys.stderr)
     for image in result.images:

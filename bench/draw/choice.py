@@ -8,25 +8,28 @@ from bench.catalogue.chosen import MOST_MEASURED, best_within
 from bench.catalogue.lookup import family_of
 from bench.catalogue.methods import RECOMMENDED, RECOMMENDED_IN_COLOUR, Method, find_method
 from data_prep.failures import BadInput
-from data_prep.scene import CLOUD_SIZE
+from data_prep.scene import CLOUD_SIZE, PointCloud
 
 COLOUR_METHOD = "splat"  # the method that draws the colours of points itself, as discs
 # Lines for the user, on what is left out of a file, and on what a method did to the points.
 Notes = tuple[str, ...]
 
 
-def find_drawer(method_id: str) -> Method:
-    """Return the method of this id.
-
-    Raises BadInput as `find_method` does, and for a method that draws the mesh behind a cloud.
-    """
-    method = find_method(method_id)
-    if method.sees_mesh:
+def check_source(method: Method, cloud: PointCloud) -> None:
+    """Raise BadInput for a method that draws the mesh behind a cloud where there is none."""
+    if method.sees_mesh and cloud.source is None:
         raise BadInput(
-            f"method '{method_id}' draws the mesh behind a cloud, and bare points have none; "
+            f"method '{method.id}' draws the mesh behind a cloud, and bare points have none; "
             "give another method"
         )
-    return method
+
+
+def method_of_mesh(colour: str) -> str | None:
+    """Return the method that draws a mesh itself where no method is named; None for none.
+
+    colour  "grey" and "invented", in colours that no mesh has, or another word
+    """
+    return {"grey": "true-mesh@grey", "invented": None}.get(colour, "true-mesh")
 
 
 def check_colour(method_id: str, colour: str) -> None:
@@ -88,9 +91,11 @@ def methods_to_draw(
             "the colour or the budget"
         )
     for method_id in methods:
-        if in_colour and find_method(method_id).color == "none":
+        color = find_method(method_id).color
+        if in_colour and color in ("none", "true"):
+            draws = "in grey" if color == "none" else "a mesh in its own colours"
             raise BadInput(
-                f"method '{method_id}' draws in grey; leave out the colour, or the method: then "
+                f"method '{method_id}' draws {draws}; leave out the colour, or the method: then "
                 f"{RECOMMENDED_IN_COLOUR} draws"
             )
     if methods:

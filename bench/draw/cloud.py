@@ -10,6 +10,7 @@ from collections import deque
 from collections.abc import Iterable, Iterator, Sequence
 from dataclasses import dataclass, replace
 from functools import partial
+from pathlib import Path
 from typing import Any, Literal, NamedTuple, cast, get_args
 
 import numpy as np
@@ -17,10 +18,11 @@ from numpy.typing import NDArray
 
 from bench.catalogue.methods import ANY_SIZE, find_method
 from bench.catalogue.suites import Limits
-from bench.draw.choice import COLOUR_METHOD, Notes, find_drawer, notes_on_size, within_budget
+from bench.draw.choice import COLOUR_METHOD, Notes, check_source, notes_on_size, within_budget
 from bench.draw.cloud_file import CloudFile, LoadedCloud, check_count
 from bench.draw.colours import in_colours
 from bench.draw.finish import enlarged, guessed_coverage, resized, without_background
+from bench.draw.kept_mesh import keep_mesh
 from bench.draw.shots import Shots, shots_of
 from bench.draw.thread import on_drawing_thread, one_pool
 from bench.running.pool import WorkerFailure, run_tasks
@@ -74,6 +76,10 @@ class Drawing:
     pinholes : Pinholes or None
         Cameras of a file in the place of views, turned as the points are. Their images have the
         width and height of the file, in the place of `size`.
+    of_mesh : str or None
+        Id of the method that draws instead where a file holds a mesh; None for `method`.
+    keep_mesh : Path or None
+        A PLY into which the surface is written that the method makes of a file; None for none.
 
     Raises
     ------
@@ -90,6 +96,8 @@ class Drawing:
     background: Background = "white"
     budget_ms: float | None = None
     pinholes: Pinholes | None = None
+    of_mesh: str | None = None
+    keep_mesh: Path | None = None
 
     def __post_init__(self) -> None:
         if not isinstance(self.size, int | np.integer) or self.size not in ANY_SIZE:
@@ -171,14 +179,15 @@ def draw_each(
 ) -> Iterator[tuple[CloudFile, Wanted, Drawn, Notes]]:
     """Yield for each file and each request the images and the notes, in the order of completion.
 
-    For a file that cannot be used, a BadInput stands in place of images. Each pair of file and
+    A request with a method for meshes is yielded with that as its method where it has drawn. For a
+    file that cannot be used, a BadInput stands in place of images. Each pair of file and
     request is a task; each worker loads a method once. Of several requests the file is read once,
     by a task of its own, which hands the cloud on. Raises BadInput for an unusable method before
     anything is drawn.
     """
     for wanted in requests:
         if isinstance(wanted, Drawing):
-            find_drawer(wanted.method)
+            find_method(wanted.method)
     read: deque[LoadedCloud | None] = deque()  # the cloud of the last file; None for no cloud
 
     def tasks() -> Iterator[_Task | None]:
@@ -197,9 +206,12 @@ def draw_each(
             read.append(result if isinstance(result, LoadedCloud) else None)
         if isinstance(result, LoadedCloud):
             continue
-        drawn, notes = (Failed(result.reason), ()) if isinstance(result, WorkerFailure) else result
+        if isinstance(result, WorkerFailure):
+            result = _Done(Failed(result.reason))
         for wanted in requests if task.wanted is None else (task.wanted,):
-            yield task.file, wanted, drawn, notes
+            if result.method is not None:
+                wanted = replace(wanted, method=result.method)
+            yield task.file, wanted, result.drawn, result.notes
 
 
 def draw_in_process(cloud: PointCloud, drawing: Drawing) -> UInt8Images | Failed:
@@ -223,9 +235,11 @@ def draw_in_process(cloud: PointCloud, drawing: Drawing) -> UInt8Images | Failed
     data_prep.failures.BadInput
         For an unknown method, and for one that cannot be loaded.
     """
-    drawn, notes = on_drawing_thread(partial(_draw, cloud, drawing))
-    warn(notes, levels=2)
-    return drawn
+    drawn = on_drawing_thread(partial(_draw, cloud, drawing))
+    if isinstance(drawn, Failed):
+        return drawn
+    warn(drawn.notes, levels=2)
+    return drawn.images
 
 
 def warn(notes: Sequence[str], levels: int) -> None:
@@ -237,20 +251,43 @@ def warn(notes: Sequence[str], levels: int) -> None:
         warnings.warn(note, stacklevel=levels + 1)
 
 
-def _draw(
-    cloud: PointCloud, drawing: Drawing, shots: Shots | None = None
-) -> tuple[UInt8Images | Failed, Notes]:
+def _draw(cloud: PointCloud, drawing: Drawing, shots: Shots | None = None) -> DrawnViews | Failed:
     renderer: Renderer | None = None
     try:
         renderer = load_renderer(drawing.method, drawing.device)
-        drawn = draw_views(renderer, cloud, drawing, shots)
-        return drawn.images, drawn.notes
+        return draw_views(renderer, cloud, drawing, shots)
     except MissingDependency:
         raise
     except (Exception, SystemExit) as error:
         if renderer is None and isinstance(error, BadInput):  # for example, unusable weights
             raise
-        return Failed(reason_of(error)), ()
+        return Failed(reason_of(error))
+
+
+def suited(drawing: Drawing, loaded: LoadedCloud, where: str = "") -> tuple[Drawing, Notes]:
+    """Return the request with the method that suits a cloud, and notes on the cloud.
+
+    That is the method for meshes where there is a mesh, or the one that a budget chooses for so
+    many points.
+
+    where  begins the note on what a budget chose, as it does those of a file
+
+    Raises BadInput for a method that draws a mesh where there is none, and for a budget that no
+    method meets.
+    """
+    of_choice: Notes = ()
+    if loaded.cloud.source is not None and drawing.of_mesh is not None:
+        drawing = replace(drawing, method=drawing.of_mesh)
+    elif drawing.budget_ms is not None:
+        method_id, note = within_budget(drawing.budget_ms, len(loaded.cloud))
+        drawing = replace(drawing, method=method_id)
+        of_choice = (note,)
+        if drawing.pinholes is None:
+            of_choice += notes_on_size((method_id,), drawing.size)
+    method = find_method(drawing.method)
+    check_source(method, loaded.cloud)
+    of_file = loaded.mesh_notes if method.sees_mesh else loaded.notes
+    return drawing, (*of_file, *(f"{where}{note}" for note in of_choice))
 
 
 class _Keeper:
@@ -306,7 +343,8 @@ def draw_views(
     views = cast("tuple[View, ...]", drawing.views)
     drawn = draw(method, keeper, cloud, views, rng, batch, side=side).images
     notes = tuple(f"{method.id}: {note}" for note in getattr(keeper.state, "notes", ()))
-    painted = cloud.colors is not None and method.id != COLOUR_METHOD
+    drawn_itself = method.id == COLOUR_METHOD or method.sees_mesh
+    painted = cloud.colors is not None and not drawn_itself
     if painted and method.color != "none":
         painted = False
         notes += (f"{method.id}: draws in colours of its own; those of the points are not used",)
@@ -343,29 +381,43 @@ class _Task(NamedTuple):
     loaded: LoadedCloud | None = None
 
 
-def _read_or_draw(task: _Task) -> LoadedCloud | tuple[Drawn, Notes]:
+class _Done(NamedTuple):
+    """What a worker has drawn.
+
+    method  the method that drew in place of the one in the request; None for that one
+    """
+
+    drawn: Drawn
+    notes: Notes = ()
+    method: str | None = None
+
+
+def _read_or_draw(task: _Task) -> LoadedCloud | _Done:
     file, wanted, loaded = task
     if loaded is None:
         try:
             loaded = file.load_all()
         except BadInput as error:
-            return error, ()
+            return _Done(error)
     if wanted is None:
         return loaded
     if isinstance(wanted, Dots):
-        return draw_dots(loaded.cloud.points, wanted.views), loaded.notes
-    of_choice: Notes = ()
+        return _Done(draw_dots(loaded.cloud.points, wanted.views), loaded.notes)
     shots = None
     try:
-        if wanted.budget_ms is not None:
-            method_id, note = within_budget(wanted.budget_ms, len(loaded.cloud))
-            wanted = replace(wanted, method=method_id)
-            of_choice = (note,)
-            if wanted.pinholes is None:
-                of_choice += notes_on_size((method_id,), wanted.size)
-        if wanted.pinholes is not None:
-            shots = shots_of(wanted.pinholes, loaded.cloud, loaded.place)
+        drawing, of_file = suited(wanted, loaded, f"{file.path}: ")
+        if drawing.pinholes is not None:
+            shots = shots_of(drawing.pinholes, loaded.cloud, loaded.place_for(drawing.method))
     except BadInput as error:
-        return BadInput(f"{file.path}: {error}"), ()
-    drawn, notes = _draw(loaded.cloud, wanted, shots)
-    return drawn, (*loaded.notes, *(f"{file.path}: {note}" for note in (*of_choice, *notes)))
+        return _Done(BadInput(f"{file.path}: {error}"))
+    other = None if drawing.method == wanted.method else drawing.method
+    drawn = _draw(loaded.cloud, drawing, shots)
+    if isinstance(drawn, Failed):
+        return _Done(drawn, of_file, other)
+    if drawing.keep_mesh is not None:
+        try:
+            keep_mesh(drawing.keep_mesh, file.path, loaded, drawing.method, drawn.state)
+        except BadInput as error:
+            return _Done(error)
+    notes = (*of_file, *(f"{file.path}: {note}" for note in drawn.notes))
+    return _Done(drawn.images, notes, other)

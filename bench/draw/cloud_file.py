@@ -1,28 +1,36 @@
-"""A file of a cloud: how it is read, brought to the unit sphere, and thinned, with notes."""
+"""A file of a cloud or mesh: how it is read, brought to the unit sphere, thinned, with notes."""
 
 from __future__ import annotations
 
 from collections.abc import Iterator
 from dataclasses import dataclass, replace
 from pathlib import Path
-from typing import Literal, cast
 
 import numpy as np
 from numpy.typing import NDArray
 
+from bench.catalogue.methods import find_method
 from bench.draw.choice import Notes
+from bench.draw.mesh_file import (
+    MESH_SUFFIXES,
+    mesh_itself,
+    points_on_surface,
+    read_surface,
+    with_textures,
+    with_values,
+)
 from bench.draw.orientation_hints import looks_like_a_line, looks_lying
+from bench.draw.value_colours import HEIGHT, ValueScale, column_of, no_column, scale_of
 from data_prep.clouds.coarse_steps import note_on_steps
 from data_prep.clouds.far_points import far_points, note_on_far
 from data_prep.clouds.normalise import Placement, placed_points
-from data_prep.clouds.orientations import upright
-from data_prep.clouds.sampling import random_rows, sample_faces
+from data_prep.clouds.orientations import OURS, Orientation, orientation_of
+from data_prep.clouds.sampling import random_rows
 from data_prep.failures import BadInput
-from data_prep.files.cloud_contents import CloudContents
+from data_prep.files.cloud_contents import CloudContents, NoColumn
 from data_prep.files.cloud_text import GUESSED
 from data_prep.files.clouds import read_cloud
-from data_prep.randomness import generator
-from data_prep.scene import CLOUD_SIZE, PointCloud
+from data_prep.scene import CLOUD_SIZE, Mesh, PointCloud
 
 _Z_UP = (".las", ".laz", ".e57")  # suffixes of the formats of surveys, in which z is the height
 # Where each kind of file has its colours, for the message on a file without them.
@@ -30,7 +38,6 @@ _WHERE_COLOURS = (
     "a PLY has red, green and blue, a text six columns or r, g and b in its first line, an array "
     "[N, 6]; or draw without --colour file"
 )
-FileColours = Literal["auto", "file", "grey"]
 
 
 def check_count(name: str, count: int | None) -> None:
@@ -55,14 +62,15 @@ class CloudFile:
         Axes of the file, see `data_prep.clouds.orientations.upright`.
     most : int or None
         Largest number of points; of more points, as many are chosen at random, the same each time.
-        None keeps all.
+        None keeps all. Of a mesh as many points of its surface are taken; of None 2,048.
     drop_invalid : bool
         Whether to leave out points that are not finite; else they are refused, unless `as_is`.
     drop_far : bool
         Whether to leave out points far from all others; else a note tells of them, unless `as_is`.
     colours : str
         "auto": the cloud has the colours of its points where the file has any; "file": a file
-        without them is refused; "grey": they are not read.
+        without them is refused; "grey": they are not read. "height", along `up`, or the name of a
+        column of the file: colours by these numbers, see `bench.draw.value_colours`.
     up_unknown : bool
         Whether `up` is a guess: then a note tells where the cloud looks as if z were up.
 
@@ -79,7 +87,7 @@ class CloudFile:
     most: int | None = None
     drop_invalid: bool = False
     drop_far: bool = False
-    colours: FileColours = "auto"
+    colours: str = "auto"
     up_unknown: bool = False
 
     def __post_init__(self) -> None:
@@ -104,28 +112,66 @@ class CloudFile:
         """Return the cloud as `load` does, and notes on the file."""
         contents, notes = self._contents()
         notes += self._notes_on_invalid(contents)
+        orientation = orientation_of(self.up, self.front)
+        if self.colours == HEIGHT:
+            contents = replace(contents, values=orientation.to_ours(contents.points)[:, 1])
+        stored, mesh, mesh_place, of_mesh = contents, None, None, [*notes]
+        surface = None
         if contents.is_mesh:
-            contents = self._on_surface(contents, notes)
+            surface = points_on_surface(contents, self.most or CLOUD_SIZE)
+        if surface is not None:
+            contents, on_points = surface
+            notes += on_points
+        elif self.path.suffix.lower() in MESH_SUFFIXES:
+            raise BadInput(f"{self.path}: no face has an area; a shape needs a surface")
         if self.colours == "file" and contents.colors is None:
             raise BadInput(f"{self.path}: no colours of its points; {_WHERE_COLOURS}")
-        notes = [*_unused(contents), *notes]
-        points = upright(contents.points, self.up, self.front)
+        notes = [*_unused(contents, bool(column_of(self.colours))), *notes]
+        points = orientation.to_ours(contents.points)
+        kept, has_far, of_far = self._kept_rows(points)
+        notes += of_far
+        cloud, place = self._scaled(points[kept])
+        on_shape = [*self._notes_on_shape(cloud, has_far and not self.drop_far)]
+        colors = None if contents.colors is None else contents.colors[kept]
+        if contents.values is not None:
+            # The height has the range of all the mesh, whose tips the points may miss.
+            whole = stored.values if surface is not None and self.colours == HEIGHT else None
+            values = contents.values[kept]
+            scale, on_values = self._scale(values if whole is None else whole, stored.columns)
+            notes += on_values
+            of_mesh += on_values
+            colors, stored = scale.colors(values), with_values(stored, scale)
+        if surface is not None:
+            mesh, mesh_place, on_mesh = self._mesh_itself(stored)
+            of_mesh += on_mesh
+        return LoadedCloud(
+            replace(cloud, colors=colors, source=mesh),
+            tuple(f"{self.path}: {note}" for note in (*notes, *on_shape)),
+            place,
+            tuple(f"{self.path}: {note}" for note in (*of_mesh, *on_shape)),
+            mesh_place,
+            orientation,
+        )
+
+    def _kept_rows(self, points: NDArray[np.float64]) -> tuple[NDArray[np.int64], bool, Notes]:
+        """Return the rows of upright points that are drawn, whether some are far, and notes."""
         kept = np.arange(len(points))
         if self.drop_invalid:
             kept = np.flatnonzero(np.isfinite(points).all(axis=1))
-        far, of_far = far_with_notes(points[kept], self.drop_far, "--drop-far")
-        if self.drop_far or not self.as_is:
-            notes += of_far
+        far, notes = far_with_notes(points[kept], self.drop_far, "--drop-far")
         if self.drop_far:
             kept = kept[~far]
         if self.most is not None:
             kept = kept[random_rows(len(kept), self.most)]
-        cloud, place = self._scaled(points[kept])
-        notes += self._notes_on_shape(cloud, has_far=bool(far.any()) and not self.drop_far)
-        if contents.colors is not None:
-            cloud = replace(cloud, colors=contents.colors[kept])
-        named = tuple(f"{self.path}: {note}" for note in notes)
-        return LoadedCloud(cloud, named, place)
+        return kept, bool(far.any()), notes if self.drop_far or not self.as_is else ()
+
+    def _scale(
+        self, values: NDArray[np.float64], names: tuple[str, ...]
+    ) -> tuple[ValueScale, Notes]:
+        try:
+            return scale_of(self.colours, values, names)
+        except BadInput as error:
+            raise BadInput(f"{self.path}: {error}") from error
 
     def _contents(self) -> tuple[CloudContents, list[str]]:
         """Return the contents of the file, and notes on them.
@@ -133,11 +179,25 @@ class CloudFile:
         Raises BadInput for a file that cannot be used. Columns that are taken for colours and are
         none are left out with a note, unless colours have to be read.
         """
-        if self.colours == "grey":
+        column = column_of(self.colours)
+        if self.path.suffix.lower() in MESH_SUFFIXES:
+            if column:
+                raise BadInput(f"{self.path}: {no_column(column, ())}")
+            contents = read_surface(self.path)
+            if self.colours in ("grey", HEIGHT):
+                contents = replace(contents, face_colors=None)
+            return contents, list(contents.notes)
+        if column:
+            try:
+                contents = read_cloud(self.path, column=column)
+            except NoColumn as error:
+                raise BadInput(f"{self.path}: {no_column(column, error.names)}") from None
+            return contents, list(contents.notes)
+        if self.colours in ("grey", HEIGHT):
             contents = read_cloud(self.path)
             return contents, list(contents.notes)
         try:
-            contents = read_cloud(self.path, with_colors=True)
+            contents = with_textures(read_cloud(self.path, with_colors=True), self.path)
             return contents, list(contents.notes)
         except BadInput as error:
             if self.colours == "file":
@@ -178,27 +238,11 @@ class CloudFile:
         if self.up_unknown and (self.path.suffix.lower() in _Z_UP or looks_lying(cloud)):
             yield "its z axis seems to point up; give --up z, or --up y if it does not"
 
-    def _on_surface(self, contents: CloudContents, notes: list[str]) -> CloudContents:
-        """Return points sampled on the surface of a mesh in place of its vertices; add a note."""
-        faces = cast("NDArray[np.int64]", contents.faces)
-        whole = np.isfinite(contents.points[faces]).all(axis=(1, 2))
-        count, rng = self.most or CLOUD_SIZE, generator("render", "surface")
+    def _mesh_itself(self, contents: CloudContents) -> tuple[Mesh, Placement, Notes]:
         try:
-            points, face, shares = sample_faces(contents.points[faces[whole]], rng, count)
-        except BadInput:  # the faces have no area; the vertices are drawn
-            return contents
-        face = np.flatnonzero(whole)[face]
-        colors = None if contents.face_colors is None else contents.face_colors[face]
-        if contents.colors is not None:
-            mixed = np.einsum("ij,ijk->ik", shares, contents.colors[faces[face]].astype(float))
-            colors = np.rint(mixed).astype(np.uint8)
-        notes.append(
-            f"a mesh of {len(faces)} triangles: {count} points of its surface are drawn, not its "
-            f"{len(contents.points)} vertices; --points takes another number"
-        )
-        notes += filter(None, [note_on_steps(contents.points)])
-        unused = tuple(part for part in contents.unused if not part.endswith("faces"))
-        return CloudContents(points, unused, None, contents.has_colors, colors)
+            return mesh_itself(contents, self.up, self.front, self.as_is)
+        except BadInput as error:
+            raise BadInput(f"{self.path}: {error}") from error
 
     def _scaled(self, points: NDArray[np.float64]) -> tuple[PointCloud, Placement]:
         if self.as_is:
@@ -234,20 +278,38 @@ def far_with_notes(
 class LoadedCloud:
     """A cloud that was read from a file.
 
-    cloud  the points, with their colours where these were asked for and the file has some
-    notes  lines on what was left out or guessed
-    place  where its unit sphere lies in the file, turned upright
+    cloud        the points, with their colours where these were asked for and the file has some;
+                 the `source` of points on a mesh is this mesh
+    notes        lines on what was left out or guessed, where the points are drawn
+    place        where their unit sphere lies in the file, turned upright
+    mesh_notes   the notes where the mesh itself is drawn
+    mesh_place   where the unit sphere of the mesh lies; None where there is no mesh
+    orientation  the axes of the file
     """
 
     cloud: PointCloud
     notes: Notes
     place: Placement
+    mesh_notes: Notes = ()
+    mesh_place: Placement | None = None
+    orientation: Orientation = OURS
+
+    def place_for(self, method_id: str) -> Placement:
+        """Return where the unit sphere lies of what a method draws, the points or the mesh."""
+        if self.mesh_place is not None and find_method(method_id).sees_mesh:
+            return self.mesh_place
+        return self.place
 
 
-def _unused(contents: CloudContents) -> Iterator[str]:
-    """Yield a note on each part of the contents that is not used."""
+def _unused(contents: CloudContents, by_column: bool) -> Iterator[str]:
+    """Yield a note on each part of the contents that is not used.
+
+    by_column  whether a column gives the colours: then it is none of what is not used
+    """
     for part in contents.unused:
         is_faces = part.endswith("faces")
+        if by_column and not is_faces:
+            continue
         if contents.colors is not None and not is_faces:
             if part.endswith(GUESSED):  # colours that no line names are a guess, too
                 yield f"{part}; its colours are a guess, too, which --colour grey leaves out"

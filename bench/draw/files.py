@@ -10,15 +10,17 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 from numpy.typing import NDArray
 
+from bench.draw.mesh_file import MESH_SUFFIXES
 from data_prep.datasets.dataset import first_names
 from data_prep.failures import BadInput
 from data_prep.files.atomic_write import write_whole
-from data_prep.files.clouds import CLOUD_SUFFIXES, check_cloud_name, clouds_below
+from data_prep.files.clouds import CLOUD_SUFFIXES, clouds_below
 from data_prep.scene import View
 
 if TYPE_CHECKING:
     from PIL.Image import Image
 
+DRAWN = (*CLOUD_SUFFIXES, *MESH_SUFFIXES)  # the suffixes of files that can be drawn
 _STILL = (".png", ".jpg", ".jpeg")  # the suffixes of single images
 MOVING = (".gif", ".webp")
 _FORMS = {".gif": "GIF", ".webp": "WEBP", ".jpg": "JPEG", ".jpeg": "JPEG"}  # others are PNG
@@ -65,8 +67,8 @@ def images_of_clouds(
 ) -> tuple[Mapping[Path, Path], tuple[str, ...]]:
     """Return the image file of each cloud, and notes on files that are left out.
 
-    paths   files of clouds, or folders; of a folder all clouds below it are drawn, and their images
-            stand in the same sub-folders
+    paths   files of clouds and meshes, or folders; of a folder all of these below it are drawn, and
+            their images stand in the same sub-folders
     folder  the folder of the images, which need not exist
     form    the suffix of the images, without its dot
 
@@ -86,17 +88,16 @@ def images_of_clouds(
     for path in paths:
         root = path if path.is_dir() else path.parent
         if path.is_dir():
-            named, others = clouds_below(path)
+            named, others = clouds_below(path, DRAWN)
             if not named:
-                kinds = ", ".join(CLOUD_SUFFIXES)
+                kinds = ", ".join(DRAWN)
                 has = f" (it has {first_names(others)})" if others else ""
                 raise BadInput(
-                    f"{path}: no clouds in this folder{has}; give a folder with files {kinds}"
+                    f"{path}: no clouds or meshes in this folder{has}; give one with files {kinds}"
                 )
             if others:
-                notes.append(
-                    f"{path}: left out, no clouds by their names or contents: {first_names(others)}"
-                )
+                why = "left out, no clouds or meshes by their names or contents"
+                notes.append(f"{path}: {why}: {first_names(others)}")
         else:
             _check_file(path)
             named = (path,)
@@ -113,7 +114,11 @@ def images_of_clouds(
 
 
 def _check_file(cloud: Path) -> None:
-    check_cloud_name(cloud)
+    if cloud.suffix.lower() not in DRAWN:
+        name = cloud.suffix or "a name without a suffix"
+        raise BadInput(
+            f"{cloud}: {name} is not supported as a cloud or mesh; use one of {', '.join(DRAWN)}"
+        )
     if not cloud.exists():
         raise BadInput(f"{cloud}: no such file; check its name")
 

@@ -9,48 +9,50 @@ from dataclasses import dataclass, replace
 from functools import partial
 from numbers import Integral
 from pathlib import Path
-from typing import Any, Literal, cast, overload
+from typing import Any, Literal, NamedTuple, cast, overload
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
-from bench.catalogue.methods import ANY_SIZE, METHODS
+from bench.catalogue.methods import ANY_SIZE, find_method
 from bench.draw.choice import (
     Notes,
     check_camera,
     check_colour,
-    find_drawer,
+    method_of_mesh,
     methods_to_draw,
     notes_on_methods,
     notes_on_size,
-    within_budget,
 )
-from bench.draw.cloud import Background, Drawing, DrawnViews, draw_views, warn
-from bench.draw.cloud_file import CloudFile, FileColours, far_with_notes
+from bench.draw.cloud import Background, Drawing, DrawnViews, draw_views, suited, warn
+from bench.draw.cloud_file import CloudFile, LoadedCloud, far_with_notes
+from bench.draw.kept_mesh import surface_methods
 from bench.draw.shots import shots_of
 from bench.draw.thread import on_drawing_thread
+from bench.draw.value_colours import HEIGHT, WORDS, column_of, no_column, scale_of
 from bench.running.work import load_renderer
-from data_prep.clouds.normalise import Placement, placed_points, real_points
+from data_prep.clouds.normalise import placed_points, real_points
 from data_prep.clouds.orientations import upright
 from data_prep.failures import BadInput
 from data_prep.files.cloud_contents import (
+    NoColumn,
     NotACloud,
     PointColors,
     axis_columns,
     color_columns,
     colors_of,
+    column_index,
 )
 from data_prep.files.pinholes import Pinholes, pinholes_of, read_pinholes
 from data_prep.files.safe_read import shown
 from data_prep.rendering.camera import farthest_depth
 from data_prep.rendering.raycast import surface_maps
-from data_prep.scene import IMAGE_SIZE, Mesh, PointCloud, View
+from data_prep.scene import IMAGE_SIZE, Mesh, View
 
 # The most images of a turntable: one every tenth of a degree. At 128 x 128 pixels they take 180 MB.
 _MOST_FRAMES = 3_600
 # The most pixels in all images of a turntable together: 64 images of 2048 x 2048 take 800 MB.
 _MOST_PIXELS = 2**28
-_COLOURS = ("auto", "file", "grey", "invented")
 # Notes on files name options of the command line: what stands for them in calls from Python.
 _SPELT = {
     "--drop-invalid": "drop_invalid=True",
@@ -60,6 +62,7 @@ _SPELT = {
     "--up z": 'up="z"',
     "--up y": 'up="y"',
     "; --points takes another number": "",
+    "; --method draws from": "; method= draws from",
 }
 
 
@@ -93,7 +96,7 @@ def _draw(
     up: str = "y",
     front: str | None = None,
     method: str | None = None,
-    colour: Literal["auto", "file", "grey", "invented"] = "auto",
+    colour: str = "auto",
     colors: ArrayLike | None = None,
     budget_ms: float | None = None,
     drop_far: bool = False,
@@ -112,20 +115,23 @@ def _draw(
     is_number = isinstance(budget_ms, int | float) and not isinstance(budget_ms, bool)
     if budget_ms is not None and not (is_number and not math.isnan(budget_ms)):
         raise BadInput(f"budget_ms {budget_ms!r}: must be a number of milliseconds")
-    if colour not in _COLOURS:
-        raise BadInput(f"colour {colour!r}: must be {', '.join(_COLOURS[:-1])} or {_COLOURS[-1]}")
+    if not isinstance(colour, str):
+        words = ", ".join(WORDS)
+        raise BadInput(f"colour {colour!r}: must be {words}, {HEIGHT} or the name of a column")
     notes: list[str] = []
     of_points = "grey" if colour == "invented" else colour
 
     def load_and_draw() -> tuple[Drawing, DrawnViews]:
         named = () if method is None else (method,)
         (method_id,) = methods_to_draw(named, colour == "invented", budget_ms)
-        find_drawer(method_id)
+        find_method(method_id)
         check_colour(method_id, colour)
         turned = None
         if pinholes is not None:
             check_camera(method_id)
             turned = pinholes.turned(up, front)
+        # As in `bench render`, a mesh is drawn itself where nothing else asks for points of it.
+        by_default = method is budget_ms is None and not drop_far
         drawing = Drawing(
             method_id,
             tuple(views),
@@ -133,6 +139,8 @@ def _draw(
             size=size,
             background=background,
             pinholes=turned,
+            budget_ms=budget_ms,
+            of_mesh=method_of_mesh(colour) if by_default else None,
         )
         if len(views) * size**2 > _MOST_PIXELS:
             raise BadInput(
@@ -146,31 +154,32 @@ def _draw(
                     f"{points}: {given}= is for arrays; leave it out, and name the columns of a "
                     "file in its first line"
                 )
-            cloud, place, on_points = _cloud_of_file(
+            loaded = _cloud_of_file(
                 points, of_points, up=up, front=front, drop_far=drop_far, drop_invalid=drop_invalid
             )
         else:
-            cloud, place, on_points = _cloud_of_array(
+            loaded = _cloud_of_array(
                 points,
                 columns,
                 up=up,
                 front=front,
                 drop_far=drop_far,
                 drop_invalid=drop_invalid,
-                colors=None if of_points == "grey" else _colours_of_array(points, colors),
+                colour=of_points,
+                colors=colors,
             )
-            if colour == "file" and cloud.colors is None:
+            if colour == "file" and loaded.cloud.colors is None:
                 raise BadInput('points: no colours of them; give colors=, or leave out "file"')
+        drawing, on_points = suited(drawing, loaded)
         notes.extend(on_points)
-        if budget_ms is not None:
-            method_id, of_choice = within_budget(budget_ms, len(cloud))
-            drawing = replace(drawing, method=method_id)
-            notes.append(of_choice)
-        notes.extend(notes_on_methods((method_id,)))
-        shots = None if turned is None else shots_of(turned, cloud, place)
-        if shots is None:
-            notes.extend(notes_on_size((method_id,), size))
-        drawn = draw_views(load_renderer(method_id, device), cloud, drawing, shots)
+        notes.extend(notes_on_methods((drawing.method,)))
+        shots = None
+        if turned is not None:
+            shots = shots_of(turned, loaded.cloud, loaded.place_for(drawing.method))
+        elif budget_ms is None:
+            notes.extend(notes_on_size((drawing.method,), size))
+        renderer = load_renderer(drawing.method, device)
+        drawn = draw_views(renderer, loaded.cloud, drawing, shots)
         notes.extend(drawn.notes)
         return drawing, drawn
 
@@ -185,16 +194,16 @@ OPTIONS = tuple(inspect.signature(_draw).parameters)[3:]  # the names of all but
 
 def _cloud_of_file(
     file: str | Path,
-    colours: FileColours,
+    colours: str,
     *,
     up: str,
     front: str | None,
     drop_far: bool,
     drop_invalid: bool,
-) -> tuple[PointCloud, Placement, Notes]:
+) -> LoadedCloud:
     path = Path(file)
     if path.is_dir():
-        raise BadInput(f"{path}: is a folder; give a file of points")
+        raise BadInput(f"{path}: is a folder; give a file of points or of a mesh")
     as_asked = CloudFile(
         path,
         as_is=False,
@@ -209,7 +218,8 @@ def _cloud_of_file(
         loaded = as_asked.load_all()
     except BadInput as error:
         raise BadInput(_in_python(str(error))) from error
-    return loaded.cloud, loaded.place, tuple(map(_in_python, loaded.notes))
+    notes, mesh_notes = (tuple(map(_in_python, n)) for n in (loaded.notes, loaded.mesh_notes))
+    return replace(loaded, notes=notes, mesh_notes=mesh_notes)
 
 
 def _cloud_of_array(
@@ -220,13 +230,21 @@ def _cloud_of_array(
     front: str | None,
     drop_far: bool,
     drop_invalid: bool,
-    colors: PointColors | None,
-) -> tuple[PointCloud, Placement, Notes]:
+    colour: str,
+    colors: ArrayLike | None,
+) -> LoadedCloud:
     chosen, notes = _three_columns(points, columns)
     values = real_points(chosen)
-    if colors is not None and len(colors) != len(values):
+    numbers = _numbers_of_colour(points, colour, colors)
+    if colour == HEIGHT:
+        numbers = _Numbers(HEIGHT, upright(values, up, front)[:, 1])
+    inks = None
+    if numbers is None and colour != "grey":
+        inks = _colours_of_array(points, colors)
+    given = inks if numbers is None else numbers.values
+    if given is not None and len(given) != len(values):
         raise BadInput(
-            f"colors: {len(colors)} rows for {len(values)} points; give a colour for each point"
+            f"colors: {len(given)} rows for {len(values)} points; give a colour for each point"
         )
     kept = np.arange(len(values))
     broken = np.flatnonzero(~np.isfinite(values).all(axis=1))
@@ -243,9 +261,46 @@ def _cloud_of_array(
     if drop_far:
         kept = kept[~far]
     cloud, place = placed_points(upright(values[kept], up, front))
-    if colors is not None:
-        cloud = replace(cloud, colors=colors[kept])
-    return cloud, place, (*notes, *of_far)
+    if numbers is not None:
+        scale, on_values = scale_of(numbers.name, numbers.values[kept], _labels(points))
+        cloud = replace(cloud, colors=scale.colors(numbers.values[kept]))
+        notes = (*notes, *on_values)
+    elif inks is not None:
+        cloud = replace(cloud, colors=inks[kept])
+    return LoadedCloud(cloud, (*notes, *of_far), place)
+
+
+def _labels(points: Any) -> list[str]:
+    """Return the names of columns of a DataFrame; none for an array."""
+    return [label for label in getattr(points, "columns", ()) if isinstance(label, str)]
+
+
+class _Numbers(NamedTuple):
+    """A number for each point, float64 [N], by which it is coloured, and what it is called."""
+
+    name: str
+    values: NDArray[np.float64]
+
+
+def _numbers_of_colour(points: Any, colour: str, colors: ArrayLike | None) -> _Numbers | None:
+    """Return the column of a DataFrame that `colour` names, or `colors` with one number a point.
+
+    None for other colours. Raises BadInput for a column that is not there, or no real numbers.
+    """
+    if not column_of(colour):
+        numbers = np.asarray(colors)
+        if colour in ("grey", HEIGHT) or numbers.ndim != 1 or numbers.dtype.kind not in "fiu":
+            return None
+        return _Numbers("colors", numbers.astype(np.float64))
+    labels = _labels(points)
+    try:
+        label = labels[column_index(labels, colour)]
+    except NoColumn as error:
+        raise BadInput(f"points: {no_column(colour, error.names)}") from None
+    numbers = np.asarray(points[label])
+    if numbers.dtype.kind not in "fiu":
+        raise BadInput(f"points: column {shown(label)} holds no real numbers; give another one")
+    return _Numbers(colour, numbers.astype(np.float64))
 
 
 def _colours_of_array(points: Any, colors: ArrayLike | None) -> PointColors | None:
@@ -254,7 +309,7 @@ def _colours_of_array(points: Any, colors: ArrayLike | None) -> PointColors | No
     Raises BadInput for values that are no colours.
     """
     if colors is None:
-        labels = [label for label in getattr(points, "columns", ()) if isinstance(label, str)]
+        labels = _labels(points)
         named = color_columns([label.lower() for label in labels])
         if not named:
             return None
@@ -278,10 +333,9 @@ def _maps_of(drawing: Drawing, drawn: DrawnViews) -> SurfaceMaps:
     """
     mesh = getattr(drawn.state, "mesh", None)
     if not isinstance(mesh, Mesh):
-        some = ", ".join(m.id for m in METHODS if m.kind == "reconstruction")
         raise BadInput(
             f"method '{drawing.method}' makes no surface, so that there are no maps of it; give "
-            f"method='occupancy-net' or one of {some}, or leave out return_maps"
+            f"method= one of {surface_methods()}, or leave out return_maps"
         )
     maps = partial(surface_maps, mesh, drawing.views[:1], drawing.size, limited=False)
     ((mask, nearness, *normal),) = on_drawing_thread(maps)
@@ -297,7 +351,7 @@ def _in_python(text: str) -> str:
 
 def _three_columns(points: Any, columns: Sequence[int | str] | None) -> tuple[ArrayLike, Notes]:
     """Return the columns of x, y and z, with a note where others are left out by default."""
-    labels = [label for label in getattr(points, "columns", ()) if isinstance(label, str)]
+    labels = _labels(points)
     is_array = hasattr(points, "shape") and (labels or not hasattr(points, "columns"))
     given = points if is_array else cast("Any", np.asarray(points))
     if columns is not None:
@@ -367,7 +421,7 @@ def draw_cloud(
     points : array_like or path
         Real numbers [N, 3], or [N, 6] of which the first three columns are used; rows with masked
         values are left out, with a warning. Or a DataFrame with columns named x, y and z. Or the
-        path of a file of points, as `bench render` reads it.
+        path of a file of points or of a mesh, as `bench render` reads it.
     azimuth_deg : float
         0 is the front, 90 the side of +X (see `data_prep.scene`).
     elevation_deg : float
@@ -383,14 +437,16 @@ def draw_cloud(
         with the front "-z", or "-y" where z is up.
     method : str
         Id of a method, see `bench list`. By default the best one within the budget, or without a
-        budget one that knows objects of 13 classes.
+        budget one that knows objects of 13 classes; a mesh in a file is drawn itself.
     colour : str
         "auto": in the colours of the points where they have any, the default; "file": in these, or
-        an error; "grey"; or "invented", in colours that a network makes up. Methods that draw in
-        grey get the colours of the points.
+        an error; "grey"; "invented", in colours that a network makes up; "height", along `up`; or
+        the name of a column of a DataFrame or a file. Methods that draw in grey get the colours of
+        the points.
     colors : array_like
-        Colours of an array of points, [N, 3]: 0 to 255, or fractions to 1. Of a DataFrame by
-        default the columns named red, green and blue; of a file its own.
+        Colours of an array of points, [N, 3]: 0 to 255, or fractions to 1; or a number for each,
+        [N], which a map of colours shows. Of a DataFrame by default the columns named red, green
+        and blue; of a file its own.
     budget_ms : float
         The most milliseconds that one image of a new cloud of so many points may take, by costs
         measured on one machine.

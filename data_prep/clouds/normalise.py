@@ -95,6 +95,10 @@ class Placement:
     centre: NDArray[np.float64]
     radius: float
 
+    def restored(self, points: NDArray[Any]) -> NDArray[np.float64]:
+        """Return points [N, 3] of the unit sphere where they were."""
+        return self.centre + self.radius * points.astype(np.float64)
+
 
 def normalise_points(points: NDArray[Any]) -> PointCloud:
     """Centre points and scale them to the unit sphere.

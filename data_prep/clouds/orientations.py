@@ -47,6 +47,12 @@ class Orientation:
         # Not a matrix product, where an infinite x would make NaN of y and z.
         return points[..., list(self.columns)] * np.array(self.signs, points.dtype)
 
+    def to_file(self, points: NDArray[Any]) -> NDArray[Any]:
+        """Return coordinates [..., 3] in our axes in those of the file, without rounding."""
+        turned = np.empty_like(points)
+        turned[..., list(self.columns)] = points * np.array(self.signs, points.dtype)
+        return turned
+
     @property
     def message(self) -> str:
         """Return the orientation in words."""
@@ -97,9 +103,17 @@ def upright(
 ) -> NDArray[np.float64]:
     """Turn points [N, 3] so that their axis `up` becomes +Y and their axis `front` -Z.
 
+    Nothing is rounded. The axes are as in `orientation_of`, which states the errors.
+    """
+    return orientation_of(up, front).to_ours(points)
+
+
+def orientation_of(up: str = "y", front: str | None = None) -> Orientation:
+    """Return the orientation of a file whose axes `up` and `front` its user names.
+
     Both are one of AXES. The default front is -z, or -y where z is up or down (the convention of
-    Blender: its front view looks along +Y). Nothing is rounded. Raises BadInput for an unknown
-    axis, and for a front along up.
+    Blender: its front view looks along +Y). Raises BadInput for an unknown axis, and for a front
+    along up.
     """
     front = front or ("-y" if str(up).endswith("z") else "-z")
     for name, axis in (("up", up), ("front", front)):
@@ -108,4 +122,4 @@ def upright(
     if front[-1] == up[-1]:
         beside = ", ".join(axis for axis in AXES if axis[-1] != up[-1])
         raise BadInput(f"front '{front}': along up, which is '{up}'; give one of {beside}")
-    return Orientation(AXES[up], AXES[front], "its user").to_ours(points)
+    return Orientation(AXES[up], AXES[front], "its user")

@@ -53,6 +53,9 @@ class CloudContents:
     faces        int64 array [F, 3]: the points of each triangle; None for a file without any
     face_colors  uint8 array [F, 3]: the colours of the triangles; None as for `colors`
     notes        lines for the user on what the reader guessed or left out
+    values       float64 array [N]: the numbers of each point in the column that was asked for; None
+                 where none was
+    columns      the names of all columns, where one was asked for
     textures     the names of the pictures that the file refers to
     texture_places  float64 array [F, 3, 2]: the places of the triangles' corners in the picture, to
                  the right and upwards from its lower left corner; None for a file without any
@@ -68,6 +71,8 @@ class CloudContents:
     faces: NDArray[np.int64] | None = None
     face_colors: PointColors | None = None
     notes: tuple[str, ...] = ()
+    values: NDArray[np.float64] | None = None
+    columns: tuple[str, ...] = ()
     textures: tuple[str, ...] = ()
     texture_places: NDArray[np.float64] | None = None
     texture_of_face: NDArray[np.int64] | None = None
@@ -84,11 +89,12 @@ class CloudContents:
 class ScanPoints(NamedTuple):
     """The points of a scan.
 
-    table       array [N, 3], or [N, 6] with colours
+    table       array [N, 3], or [N, 6] with colours, or [N, 4] with a column that was asked for
     has_colors  whether the file has colours
     in_file     the number of points in the file, of which N may be a part
     whole       whether colours are whole numbers in the file
     notes       lines for the user, as those of `CloudContents`
+    columns     the names of the columns, where one was asked for
     """
 
     table: NDArray[np.float64]
@@ -96,15 +102,18 @@ class ScanPoints(NamedTuple):
     in_file: int
     whole: bool = True
     notes: tuple[str, ...] = ()
+    columns: tuple[str, ...] = ()
 
 
 def contents_of(
     table: NDArray[Any], has_colors: bool, whole: bool = False, **others: Any
 ) -> CloudContents:
-    """Return the contents of a table [N, 3], or [N, 6] where colours are asked for."""
-    colors = colors_of(table[:, 3:], whole) if table.shape[1] > 3 else None
+    """Return the contents of a table [N, 3], [N, 6] with colours, or [N, 4] with a column."""
+    width = table.shape[1]
+    colors = colors_of(table[:, 3:], whole) if width == 6 else None
+    values = np.asarray(table[:, 3], np.float64) if width == 4 else None
     points = np.asarray(table[:, :3], np.float64)
-    return CloudContents(points, has_colors=has_colors, colors=colors, **others)
+    return CloudContents(points, has_colors=has_colors, colors=colors, values=values, **others)
 
 
 class NotACloud(Exception):
@@ -112,6 +121,28 @@ class NotACloud(Exception):
 
     `read_cloud` adds the name of the file.
     """
+
+
+class NoColumn(Exception):
+    """Raised where no column has the name that was asked for, with the names that there are."""
+
+    def __init__(self, names: Sequence[str]) -> None:
+        super().__init__("no such column")
+        self.names = tuple(filter(None, names))
+
+
+def column_index(names: Sequence[str], wanted: str) -> int:
+    """Return which column has a name, where only letters and digits count, in any case.
+
+    CloudCompare writes "scalar_" before the names of its columns, which may be left out. Raises
+    NoColumn.
+    """
+    plain = [re.sub(r"[^a-z0-9]", "", name.lower()) for name in names]
+    word = re.sub(r"[^a-z0-9]", "", wanted.lower())
+    for name in (word, f"scalar{word}"):
+        if word and name in plain:
+            return plain.index(name)
+    raise NoColumn(names)
 
 
 def check_claim(count: int, most: int) -> None:

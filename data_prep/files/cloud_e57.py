@@ -13,7 +13,13 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from data_prep.files.cloud_contents import NotACloud, ScanPoints, check_claim, colors_of
+from data_prep.files.cloud_contents import (
+    NotACloud,
+    ScanPoints,
+    check_claim,
+    colors_of,
+    column_index,
+)
 from data_prep.scene import NEUTRAL_GREY
 
 _CARTESIAN = ("cartesianX", "cartesianY", "cartesianZ")
@@ -21,10 +27,14 @@ _SPHERICAL = ("sphericalRange", "sphericalAzimuth", "sphericalElevation")
 _CHANNELS = ("colorRed", "colorGreen", "colorBlue")
 
 
-def read_e57(path: Path, most_points: int, with_colors: bool = False) -> ScanPoints:
+def read_e57(
+    path: Path, most_points: int, with_colors: bool = False, column: str = ""
+) -> ScanPoints:
     """Return the points of all scans, each placed by its pose, without those marked as invalid.
 
     A scan without colours, in a file where others have some, becomes grey.
+
+    column  the name of a field whose numbers are returned, NaN in scans without it; "" for none
 
     Raises NotACloud for a file that claims more than `most_points`, or whose points have neither
     Cartesian nor spherical coordinates, ImportError where pye57 is not installed, and whatever the
@@ -37,19 +47,25 @@ def read_e57(path: Path, most_points: int, with_colors: bool = False) -> ScanPoi
         check_claim(sum(header.point_count for header in headers), most_points)
         have_colors = [set(_CHANNELS) <= set(header.point_fields) for header in headers]
         has_colors = any(have_colors)
+        names = tuple(dict.fromkeys(name for h in headers for name in h.point_fields))
+        field = names[column_index(names, column)] if column else ""
         width = 6 if with_colors and has_colors else 3
-        scans = [_scan(e57, header, width) for header in headers if header.point_count]
-    table = np.concatenate([np.empty((0, width)), *scans])
+        scans = [_scan(e57, header, width, field) for header in headers if header.point_count]
+    table = np.concatenate([np.empty((0, width + bool(field))), *scans])
     notes: tuple[str, ...] = ()
     if width > 3 and not all(have_colors):
         notes = (
             f"{have_colors.count(False)} of {len(headers)} scans have no colours, and are grey",
         )
-    return ScanPoints(table, has_colors, len(table), notes=notes)
+    return ScanPoints(table, has_colors, len(table), notes=notes, columns=names)
 
 
-def _scan(e57: Any, header: Any, width: int) -> NDArray[np.float64]:
-    """Return the valid points of a scan, [N, 3], or [N, 6] with colours as bytes."""
+def _scan(e57: Any, header: Any, width: int, field: str) -> NDArray[np.float64]:
+    """Return the valid points of a scan, [N, 3], with colours as bytes [N, 6], or a field [N, 4].
+
+    width  3, or 6 with colours
+    field  the name of the field, or "" for none
+    """
     from pye57.utils import convert_spherical_to_cartesian
 
     fields = set(header.point_fields)
@@ -63,6 +79,8 @@ def _scan(e57: Any, header: Any, width: int) -> NDArray[np.float64]:
         types[invalid] = np.int8
     if width > 3 and set(_CHANNELS) <= fields:
         types |= dict.fromkeys(_CHANNELS, np.float32)  # which holds 16 bits, and fractions
+    if field in fields:
+        types.setdefault(field, np.float64)
     values = _read(e57, header, types)
     points = np.stack([values[axis] for axis in axes], axis=1)
     if axes == _SPHERICAL:
@@ -70,6 +88,9 @@ def _scan(e57: Any, header: Any, width: int) -> NDArray[np.float64]:
     if header.has_pose():
         points = e57.to_global(points, header.rotation, header.translation)
     valid = values[invalid] == 0 if invalid in values else np.ones(len(points), bool)
+    if field:
+        missing = np.full(len(points), np.nan)
+        points = np.column_stack([points, values.get(field, missing).astype(np.float64)])
     if width == 3:
         return points[valid]
     colors = np.full((len(points), 3), NEUTRAL_GREY, np.float64)

@@ -24,6 +24,7 @@ from data_prep.files.cloud_contents import (
     axis_columns,
     check_claim,
     color_columns,
+    column_index,
 )
 from data_prep.files.cloud_text import numbers_of, text_lines
 from data_prep.files.plain_rows import plain_rows
@@ -68,8 +69,10 @@ class _Header(NamedTuple):
     end: int
 
 
-def read_pcd(data: bytes, most_points: int, with_colors: bool = False) -> ScanPoints:
-    """Return the points of a PCD, with their colours if they are wanted.
+def read_pcd(
+    data: bytes, most_points: int, with_colors: bool = False, column: str = ""
+) -> ScanPoints:
+    """Return the points of a PCD, with their colours, or else the field `column`, if wanted.
 
     Of two fields with a name the first one is read. Points of three NaN, which an organised cloud
     has for no return, are left out; those with one or two NaN are, too, with a note.
@@ -110,7 +113,10 @@ def read_pcd(data: bytes, most_points: int, with_colors: bool = False) -> ScanPo
         else:
             colors = np.stack([columns[i][kept, 0].astype(np.float64) for i in channels], axis=1)
         table = np.concatenate([table, colors], axis=1)
-    return ScanPoints(table, has_colors, len(table), whole, notes)
+    if column:
+        values = columns[column_index(names, column)][kept, :1].astype(np.float64)
+        table = np.concatenate([table, values], axis=1)
+    return ScanPoints(table, has_colors, len(table), whole, notes, tuple(names))
 
 
 def _header(data: bytes) -> _Header:

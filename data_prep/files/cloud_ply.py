@@ -27,6 +27,7 @@ from data_prep.files.cloud_contents import (
     PointColors,
     color_columns,
     colors_of,
+    column_index,
 )
 from data_prep.files.cloud_text import numbers_of, text_lines
 from data_prep.files.polygons import (
@@ -192,8 +193,10 @@ class _Surface(NamedTuple):
     rows: NDArray[np.int64]
 
 
-def read_ply(data: bytes, with_colors: bool = False) -> CloudContents:
+def read_ply(data: bytes, with_colors: bool = False, column: str = "") -> CloudContents:
     """Return the vertices of a PLY, and its triangles if it has any.
+
+    column  the name of a property of the vertices whose numbers are returned; "" for none
 
     Raises NotACloud for a file that is no PLY of points, or is damaged.
     """
@@ -229,8 +232,14 @@ def read_ply(data: bytes, with_colors: bool = False) -> CloudContents:
     points = tables[vertex].numbers([properties.index(axis) for axis in "xyz"])
     has_colors, colors = tables[vertex].colors(with_colors)
     unused = (COLOURS,) if set(CHANNELS[0]) & set(properties) or has_colors else ()
+    values = None
+    if column:
+        values = tables[vertex].numbers([column_index(properties, column)])[:, 0]
+    columns = tuple(filter(None, properties))
     if surface == vertex:
-        cloud = CloudContents(points, unused, lines, has_colors, colors)
+        cloud = CloudContents(
+            points, unused, lines, has_colors, colors, values=values, columns=columns
+        )
         return _without_faint(tables[vertex], cloud)
     table = tables[surface]
     triangles = table.surface(points)
@@ -250,6 +259,8 @@ def read_ply(data: bytes, with_colors: bool = False) -> CloudContents:
         faces=triangles.corners[triangles.positions],
         face_colors=None if face_colors is None else face_colors[triangles.rows],
         notes=notes,
+        values=values,
+        columns=columns,
         textures=textures,
         texture_places=places,
         texture_of_face=table.texture_of(triangles),
@@ -273,6 +284,7 @@ def _without_faint(vertices: _Table, contents: CloudContents) -> CloudContents:
         contents,
         points=contents.points[seen],
         colors=None if contents.colors is None else contents.colors[seen],
+        values=None if contents.values is None else contents.values[seen],
         lines=None if contents.lines is None else np.array(contents.lines)[seen],
         notes=(f"{faint} of {len(seen)} splats, of opacity below {_LEAST_OPACITY}, are left out",),
     )

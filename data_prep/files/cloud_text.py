@@ -20,6 +20,7 @@ from data_prep.files.cloud_contents import (
     NotACloud,
     axis_columns,
     color_columns,
+    column_index,
     contents_of,
 )
 from data_prep.files.plain_rows import MOST_LINE_LENGTH, plain_rows
@@ -71,6 +72,7 @@ class _Layout:
     decimal_comma  whether numbers have a comma as their decimal mark
     width          the number of columns
     axes, colours  the columns of x, y and z, and of red, green and blue
+    names          the names of all columns, or none
     unsure         whether the column taken for x may be a count of the points
     unused         texts on columns that are not used, such as "3 of its 6 columns"
     """
@@ -80,6 +82,7 @@ class _Layout:
     width: int = 3
     axes: tuple[int, ...] = (0, 1, 2)
     colours: tuple[int, ...] = ()
+    names: tuple[str, ...] = ()
     unsure: bool = False
     unused: tuple[str, ...] = ()
 
@@ -89,9 +92,11 @@ def read_text(
     with_colors: bool = False,
     unnamed: Mapping[int, tuple[int, ...]] = _XYZ_COLOURS,
     parts: bool = False,
+    column: str = "",
 ) -> CloudContents:
     """Return the points of a text, and texts on columns that are not used.
 
+    column   the name of a further column whose numbers are returned; "" for none
     unnamed  the columns of colours where no line names columns, by the number of columns
     parts    whether to pass over lines of a single whole number, which count the points of a part
 
@@ -104,6 +109,8 @@ def read_text(
     columns = layout.axes
     if with_colors:
         columns += layout.colours
+    if column:
+        columns += (column_index(layout.names, column),)
     table = _plain_table(data, encoding, head[0][0], columns, layout) if head else None
     if table is not None:
         lines = range(head[0][0], head[0][0] + len(table))
@@ -113,7 +120,14 @@ def read_text(
     if layout.unsure:
         _check_first_column(table, layout.width > 3)
     notes = (_COMMAS,) if layout.decimal_comma else ()
-    return contents_of(table, bool(layout.colours), unused=layout.unused, lines=lines, notes=notes)
+    return contents_of(
+        table,
+        bool(layout.colours),
+        unused=layout.unused,
+        lines=lines,
+        notes=notes,
+        columns=layout.names,
+    )
 
 
 def _plain_table(
@@ -206,6 +220,7 @@ def _layout_of(
         width=width,
         axes=axes,
         colours=colours,
+        names=tuple(names),
         unsure=unsure,
         unused=unused,
     )
@@ -458,7 +473,7 @@ def numbers_of(
     if len(fields) <= max(columns):
         raise NotACloud(
             f"{where} has {len(fields)} columns, expected at least {max(columns) + 1}; give x, y "
-            "and z" + (", red, green and blue" if len(columns) > 3 else "")
+            "and z" + (", red, green and blue" if len(columns) == 6 else "")
         )
     values = []
     for column in columns:

@@ -38,11 +38,13 @@ from data_prep.files.cloud_contents import (
     COLOURS,
     CloudContents,
     CloudPoints,
+    NoColumn,
     NotACloud,
     ScanPoints,
     axis_columns,
     check_claim,
     color_columns,
+    column_index,
     contents_of,
 )
 from data_prep.files.cloud_e57 import read_e57
@@ -96,20 +98,24 @@ def load_points(path: Path) -> CloudPoints:
 
 
 @np.errstate(over="ignore", invalid="ignore")  # files may hold odd NaNs and very large values
-def read_cloud(path: Path, with_colors: bool = False) -> CloudContents:
+def read_cloud(path: Path, with_colors: bool = False, column: str = "") -> CloudContents:
     """Return the points of a file as `load_points` does, and a description of the rest.
 
     Colours are read where `with_colors` asks for them: the properties red, green and blue of a PLY;
     columns that a text names so, or the last three of six (of a PTS: of six or seven); the last
     three of an array [N, 6]. Raises BadInput for values that are no colours, too.
+
+    The numbers of a `column` are read in their place where it is named: a property of the vertices
+    of a PLY, a named column of a text, a field of a table or of a scan. Raises NoColumn where no
+    column has this name, with those that there are.
     """
     check_cloud_name(path)
     try:
         if path.suffix.lower() in _SCANS:
-            return read_scan(path, with_colors=with_colors)
+            return read_scan(path, with_colors=with_colors, column=column)
         data = read_file(path, MOST_BYTES)
         _check_kind(data[:START_BYTES], path)
-        return _READERS[path.suffix.lower()](data, with_colors)
+        return _READERS[path.suffix.lower()](data, with_colors, column=column)
     except NotACloud as problem:
         raise BadInput(f"{path}: {problem}") from problem.__cause__
 
@@ -195,7 +201,7 @@ def save_ply(points: Points, path: Path) -> None:
     write_whole(path, data, remedy="make room, or give another path")
 
 
-def _read_npy(data: bytes, with_colors: bool = False) -> CloudContents:
+def _read_npy(data: bytes, with_colors: bool = False, column: str = "") -> CloudContents:
     """Return the rows of an array; nothing is unpickled, and an array of objects is refused."""
     # numpy.load is not used, as it allocates memory for as many rows as the header claims. Workers
     # fill memory that they allocate (`bench.running.pool.WORKER_ENVIRONMENT`), so that a false
@@ -239,7 +245,12 @@ def _read_npy(data: bytes, with_colors: bool = False) -> CloudContents:
     unused = (f"{columns - 3} of its {columns} columns",) if columns > 3 else ()
     whole = set(kinds[-3:]) <= set("iu")
     table = np.array(rows if with_colors else rows[:, :3])  # a copy, which frees the file's bytes
-    return contents_of(table, has_colors, whole, unused=unused)
+    if column:
+        field = given[column_index(given, column)]
+        if dtype[field].kind not in "fiu":
+            raise NotACloud(f"column {shown(field)} holds no real numbers; give another one")
+        table = np.column_stack([table, values[field].astype(np.float64)])
+    return contents_of(table, has_colors, whole, unused=unused, columns=given)
 
 
 @dataclass(frozen=True)
@@ -260,7 +271,7 @@ class ScanLimits:
 
 
 def read_scan(
-    path: Path, limits: ScanLimits = ScanLimits(), with_colors: bool = False
+    path: Path, limits: ScanLimits = ScanLimits(), with_colors: bool = False, column: str = ""
 ) -> CloudContents:
     """Return the points of a scan in the file's order and units, with their colours if wanted.
 
@@ -275,7 +286,7 @@ def read_scan(
         with open_file(path, most_bytes) as file:
             _check_kind(file.read(START_BYTES), path)
             file.seek(0)
-            scan = read(file, path, limits, with_colors)
+            scan = read(file, path, limits, with_colors, column)
     except ImportError as error:
         raise MissingDependency(
             f"{path}: reading {path.suffix.lower()} needs {error.name}; "
@@ -283,7 +294,7 @@ def read_scan(
         ) from error
     except NotACloud as problem:
         raise BadInput(f"{path}: {problem}") from problem.__cause__
-    except BadInput:
+    except (BadInput, NoColumn):
         raise
     except BaseException as error:  # the parsers of the libraries may raise any exception
         # A panic of lazrs, which is written in Rust, is no Exception, and has no other name.
@@ -298,11 +309,13 @@ def read_scan(
         read_of_them = f"{len(scan.table)} of them, chosen at random, are read"
         notes += (f"a scan of {scan.in_file} points: {read_of_them}",)
     unused = (COLOURS,) if scan.has_colors else ()
-    return contents_of(scan.table, scan.has_colors, scan.whole, unused=unused, notes=notes)
+    return contents_of(
+        scan.table, scan.has_colors, scan.whole, unused=unused, notes=notes, columns=scan.columns
+    )
 
 
 def _read_las(
-    file: io.BufferedReader, path: Path, limits: ScanLimits, with_colors: bool
+    file: io.BufferedReader, path: Path, limits: ScanLimits, with_colors: bool, column: str
 ) -> ScanPoints:
     import laspy
 
@@ -317,6 +330,9 @@ def _read_las(
         columns = ["x", "y", "z"]
         if with_colors and has_colors:
             columns += ["red", "green", "blue"]
+        names = tuple(las.header.point_format.dimension_names)
+        if column:
+            columns.append(names[column_index(names, column)])
         count, seen = las.header.point_count, 0
         check_claim(count, limits.claimed_in_pieces)
         rows = random_rows(count, limits.kept)
@@ -327,20 +343,20 @@ def _read_las(
             kept.append(points[rows[first:last] - seen])
             seen += len(points)
     _check_count(count, seen)
-    return ScanPoints(np.concatenate(kept), has_colors, count)
+    return ScanPoints(np.concatenate(kept), has_colors, count, columns=names)
 
 
 def _read_e57(
-    file: io.BufferedReader, path: Path, limits: ScanLimits, with_colors: bool
+    file: io.BufferedReader, path: Path, limits: ScanLimits, with_colors: bool, column: str
 ) -> ScanPoints:
-    scan = read_e57(path, limits.claimed, with_colors)
+    scan = read_e57(path, limits.claimed, with_colors, column)
     return scan._replace(table=scan.table[random_rows(scan.in_file, limits.kept)])
 
 
 def _read_pcd(
-    file: io.BufferedReader, path: Path, limits: ScanLimits, with_colors: bool
+    file: io.BufferedReader, path: Path, limits: ScanLimits, with_colors: bool, column: str
 ) -> ScanPoints:
-    scan = read_pcd(file.read(), limits.claimed, with_colors)
+    scan = read_pcd(file.read(), limits.claimed, with_colors, column)
     return scan._replace(table=scan.table[random_rows(scan.in_file, limits.kept)])
 
 
@@ -351,13 +367,15 @@ def _check_count(claimed: int, count: int) -> None:
         )
 
 
-_SCANS: Mapping[str, tuple[int, Callable[[io.BufferedReader, Path, ScanLimits, bool], Any]]] = {
+_SCANS: Mapping[
+    str, tuple[int, Callable[[io.BufferedReader, Path, ScanLimits, bool, str], Any]]
+] = {
     ".las": (_MOST_SCAN_BYTES, _read_las),
     ".laz": (_MOST_SCAN_BYTES, _read_las),
     ".e57": (_MOST_BYTES_AT_ONCE, _read_e57),
     ".pcd": (_MOST_BYTES_AT_ONCE, _read_pcd),
 }
-_READERS: Mapping[str, Callable[[bytes, bool], CloudContents]] = {
+_READERS: Mapping[str, Callable[..., CloudContents]] = {
     ".ply": read_ply,
     ".npy": _read_npy,
     **dict.fromkeys((".xyz", ".txt", ".csv", ".tsv", ".asc", ".xyzrgb"), read_text),

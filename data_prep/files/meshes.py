@@ -120,7 +120,11 @@ def _mesh(path: Path, contents: MeshContents) -> Mesh:
 
 def _read_ply(data: bytes, resources: MeshResources) -> MeshContents:
     """Return the faces of a PLY with the colours of its texture, its faces or its vertices."""
-    read = read_ply(data, with_colors=True)
+    return mesh_of_ply(read_ply(data, with_colors=True), resources)
+
+
+def mesh_of_ply(read: CloudContents, resources: MeshResources) -> MeshContents:
+    """Return the mesh that a PLY holds, in the colours that were read and those of its textures."""
     faces = np.empty((0, 3), np.int64) if read.faces is None else read.faces
     colors = grey_faces(len(faces))
     if read.colors is not None:

@@ -7,7 +7,7 @@ reconstruction methods.
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Callable, Sequence
 
 import numpy as np
 from numpy.typing import NDArray
@@ -54,13 +54,19 @@ def draw_mesh(mesh: Mesh, views: Sequence[AnyView], size: int = IMAGE_SIZE) -> N
 
 
 def mesh_coverage(
-    mesh: Mesh, views: Sequence[AnyView], size: int = IMAGE_SIZE
+    mesh: Mesh,
+    views: Sequence[AnyView],
+    size: int = IMAGE_SIZE,
+    *,
+    by: Callable[[Mesh, Sequence[AnyView], int], NDArray[np.uint8]] = draw_mesh,
 ) -> NDArray[np.float32]:
-    """Return which share of each pixel of `draw_mesh` the mesh covers, float32 [V, size, size].
+    """Return which share of each pixel of an image the mesh covers, float32 [V, size, size].
+
+    by  what draws the image, `draw_mesh` or `data_prep.rendering.opengl.render`
 
     Raises as `draw_mesh` does.
     """
     # A pixel of the mesh in black is as dark as the mesh covers it. It has the same samples as the
     # image, as the same renderer draws it.
-    black = draw_mesh(in_one_colour(mesh, (0, 0, 0)), views, size)
+    black = by(in_one_colour(mesh, (0, 0, 0)), views, size)
     return 1 - to_float(black[..., 0])

@@ -25,7 +25,7 @@ def clouds(tmp_path):
     return folder
 
 
-LEFT_OUT = "left out, no clouds by their names or contents"
+LEFT_OUT = "left out, no clouds or meshes by their names or contents"
 
 
 def points_told(path):

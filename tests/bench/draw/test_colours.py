@@ -180,7 +180,7 @@ WRONG = {  # what is given, and what is said of it
     ),
     "a truth value": (
         {"colour": True},
-        "colour True: must be auto, file, grey or invented",
+        "colour True: must be auto, file, grey, invented, height or the name of a column",
     ),
     "in colours of its own": (
         {"method": "fused-net", "colour": "grey"},
