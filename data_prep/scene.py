@@ -22,7 +22,7 @@ from __future__ import annotations
 
 import math
 from collections.abc import Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from numbers import Real
 from typing import Any, Protocol
 
@@ -187,7 +187,7 @@ class PointCloud:
         hides it from every other method.
     colors : uint8 array [N, 3] or None
         sRGB colours of the points, 0..255, where known: those of a user's file. Clouds of a suite
-        have none.
+        have none but where its question is clouds with colours.
 
     Raises
     ------
@@ -210,6 +210,11 @@ class PointCloud:
 
     def __len__(self) -> int:
         return len(self.points)
+
+    def take(self, rows: NDArray[np.integer] | slice) -> PointCloud:
+        """Return the cloud of some rows, in their order, with their colours."""
+        colors = None if self.colors is None else self.colors[rows]
+        return replace(self, points=self.points[rows], colors=colors)
 
 
 class Renderer(Protocol):

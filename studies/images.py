@@ -9,6 +9,7 @@ from typing import NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
+from bench.catalogue.conditions import CONDITIONS
 from bench.catalogue.lookup import find
 from bench.catalogue.metrics import CONTROL_METRICS, IMAGE_METRICS, column
 from bench.judges import JUDGE_WEIGHTS, VIEWS_WEIGHTS
@@ -21,7 +22,6 @@ from bench.metrics.image_scores import scores
 from bench.metrics.kernel_distance import kernel_distance
 from bench.metrics.lpips_network import Lpips
 from bench.metrics.packaged_weights import find_lpips_weights
-from data_prep.clouds.conditions import CONDITIONS
 from data_prep.clouds.sampling import random_views, sample_surface
 from data_prep.datasets.registry import ProceduralObject
 from data_prep.randomness import generator

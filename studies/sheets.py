@@ -10,6 +10,7 @@ import numpy as np
 
 from bench import draw_cloud
 from bench.catalogue.chosen import BEST_CLASSICAL, CHOSEN
+from bench.catalogue.conditions import CONDITIONS
 from bench.catalogue.lookup import find
 from bench.draw.cloud import Drawing, Failed, draw_in_process
 from bench.judges import VIEWS_WEIGHTS
@@ -19,7 +20,6 @@ from bench.report.sheets import image_sheet
 from bench.running.work import load_renderer
 from bench.suites.latent.chairs import choose_pairs, specified_chairs
 from bench.suites.latent.codes import load_network, strips_figure, walk
-from data_prep.clouds.conditions import CONDITIONS
 from data_prep.clouds.sampling import sample_faces
 from data_prep.datasets.objects import GreyObject, SceneObject
 from data_prep.datasets.registry import ProceduralObject, open_dataset

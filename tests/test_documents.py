@@ -15,11 +15,11 @@ from markdown_it import MarkdownIt
 from markdown_it.token import Token
 from typer.core import TyperGroup
 
+from bench.catalogue.conditions import CONDITIONS
 from bench.catalogue.lookup import find
 from bench.catalogue.methods import find_method
 from bench.catalogue.suites import SUITES
 from bench.cli import app
-from data_prep.clouds.conditions import CONDITIONS
 from tests.test_shown_commands import BLOCK, shown, typed
 
 REPOSITORY = Path(__file__).parents[1]

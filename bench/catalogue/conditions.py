@@ -18,10 +18,10 @@ from functools import cache
 from typing import TYPE_CHECKING, NamedTuple
 
 from data_prep.clouds.conditions import (
-    CONDITIONS,
     Condition,
     GaussianNoise,
     Missing,
+    MorePoints,
     Outliers,
     Stride,
     Unchanged,
@@ -29,12 +29,36 @@ from data_prep.clouds.conditions import (
 )
 from data_prep.failures import BadInput, MissingDependency, StageFailure, unknown
 from data_prep.plugins import announced, load_entry_point
+from data_prep.rendering.scanned import Scanned
 
 if TYPE_CHECKING:  # NumPy is slow to import, and `bench list` does not need it
     import numpy as np
 
+    from data_prep.clouds.conditions import Perturbation
     from data_prep.scene import PointCloud
 
+CONDITIONS = (
+    Condition("2048", Unchanged(), "paper, Tables 3 and 4"),
+    Condition("1024", Stride(2), "paper, Tables 3 and 4; stride as in the original code"),
+    Condition("512", Stride(4), "paper, Tables 3 and 4; stride as in the original code"),
+    Condition("noise-0.05", GaussianNoise(0.05), "paper, Tables 3 and 4"),
+    Condition("noise-0.10", GaussianNoise(0.10), "paper, Tables 3 and 4"),
+    Condition("256", Stride(8), "ours: fewer points"),
+    Condition("128", Stride(16), "ours: fewer points"),
+    Condition("noise-0.15", GaussianNoise(0.15), "ours: more noise"),
+    Condition("noise-0.20", GaussianNoise(0.20), "ours: more noise"),
+    Condition("outliers-0.01", Outliers(0.01), "ours: points that mean nothing"),
+    Condition("outliers-0.05", Outliers(0.05), "ours: points that mean nothing"),
+    Condition("outliers-0.10", Outliers(0.10), "ours: points that mean nothing"),
+    Condition("missing-0.25", Missing(0.25), "ours: an object seen in part"),
+    Condition("missing-0.50", Missing(0.50), "ours: an object seen in part"),
+    Condition("density-3", UnevenDensity(3), "ours: 1,024 points, dense on one side"),
+    Condition("density-10", UnevenDensity(10), "ours: 1,024 points, dense on one side"),
+    Condition("8192", MorePoints(8192), "ours: more points"),
+    Condition("32768", MorePoints(32768), "ours: more points"),
+    Condition("one-side", Scanned(1), "ours: a scan, 2,048 points that one camera sees"),
+    Condition("three-views", Scanned(3), "ours: a scan, 2,048 points that three cameras see"),
+)
 ALL = "all"  # what `bench data export` takes for "every condition of this project"
 # The ids that no condition of another package may have.
 OUR_CONDITIONS = frozenset({ALL, *(condition.id for condition in CONDITIONS)})
@@ -72,6 +96,25 @@ class PluginPerturbation:
             if not isinstance(error, UnusableCloud):
                 reason = f"{type(error).__name__}: {reason}"
             raise StageFailure(f"condition {self.condition}", reason) from error
+
+
+def needs_mesh(perturbation: Perturbation) -> bool:
+    """Return whether a perturbation samples the mesh behind a cloud anew."""
+    return isinstance(perturbation, MorePoints | Scanned)
+
+
+def stream_of(condition: str, perturbation: Perturbation) -> str:
+    """Return the name of a condition's random numbers, which is its id in most cases.
+
+    Conditions with more points share theirs, so that each has the points of the smaller ones. Scans
+    share theirs, so that the first camera of several is the camera of one.
+    """
+    match perturbation:
+        case MorePoints():
+            return "more points"
+        case Scanned():
+            return "scan"
+    return condition
 
 
 class UnusableCloud(Exception):
@@ -206,6 +249,12 @@ def condition_name(condition_id: str) -> _ConditionName:
         case Missing(share):
             kind, short = "missing", _percent(share)
             words = f"{short} missing on one side"
+        case MorePoints(count):
+            kind, short = "points", f"{count:,}"
+            words = f"{short} points"
+        case Scanned(cameras):
+            kind, short = "scan", "from one side" if cameras == 1 else f"from {cameras} sides"
+            words = f"seen {short}"
         case UnevenDensity(ratio):
             kind, short = "density", f"{ratio:g} : 1"
             words = f"{CLOUD_SIZE // 2:,} points, {ratio:g} times as dense at one end"
@@ -270,7 +319,7 @@ def conditions_in_words(conditions: Iterable[str], every: Sequence[str]) -> str:
 
 @dataclass(frozen=True)
 class Family:
-    """Conditions along a numeric axis, in the order in which clouds get worse.
+    """Conditions along a numeric axis, from clouds like those of trainings to others.
 
     axis         the property that is varied, with its unit, as the label of the axis
     steps        pairs of a value on the axis and the id of the condition with this value; the
@@ -312,6 +361,13 @@ FAMILIES = (
         "points",
         "points",
         steps=((2048, "2048"), (1024, "1024"), (512, "512"), (256, "256"), (128, "128")),
+        trained=(("splat-net@chair", 512, 2048), ("pc2pix", 256, 2048)),
+        logarithmic=True,
+    ),
+    Family(
+        "many-points",
+        "many points",
+        steps=((2048, "2048"), (8192, "8192"), (32768, "32768")),
         trained=(("splat-net@chair", 512, 2048), ("pc2pix", 256, 2048)),
         logarithmic=True,
     ),

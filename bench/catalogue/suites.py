@@ -275,11 +275,12 @@ SUITES = (
             "surface-apss alpha-wrap denoised-wrap splat-fill pc2pix splat-net@chair fused-net "
             "blank"
         ),
-        # The conditions of a kind stand in the order in which clouds get worse, as in FAMILIES of
-        # bench/catalogue/conditions.py.
+        # The conditions of a kind stand in the order of FAMILIES of bench/catalogue/conditions.py.
+        # Scans are no family, for nothing numeric lies between them and the whole cloud.
         conditions=_ids(
-            "2048 1024 512 256 128 noise-0.05 noise-0.10 noise-0.15 noise-0.20 outliers-0.01 "
-            "outliers-0.05 outliers-0.10 missing-0.25 missing-0.50 density-3 density-10"
+            "2048 1024 512 256 128 8192 32768 noise-0.05 noise-0.10 noise-0.15 noise-0.20 "
+            "outliers-0.01 outliers-0.05 outliers-0.10 missing-0.25 missing-0.50 density-3 "
+            "density-10 three-views one-side"
         ),
         detail_metrics=ROBUSTNESS.detail_metrics,
         set_metrics=_ids("fd-views fd-alexnet"),

@@ -19,6 +19,7 @@ from bench.catalogue.chosen import (
     cost_of,
     measured_methods,
 )
+from bench.catalogue.conditions import CONDITIONS
 from bench.catalogue.methods import (
     CHOOSE_FOR,
     COST_VARIANTS,
@@ -33,7 +34,6 @@ from bench.catalogue.metrics import METRICS
 from bench.catalogue.plugins import plugin_problem
 from bench.catalogue.suites import ALL_SUITES, ROBUSTNESS, SUITES
 from bench.tables.terminal import ANY_WIDTH, line_width
-from data_prep.clouds.conditions import CONDITIONS
 from data_prep.failures import unknown
 from data_prep.plugins import announced
 

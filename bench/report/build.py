@@ -17,7 +17,7 @@ from bench.analysis.compare import ALL, compared, pooled
 from bench.analysis.differences import verdicts_of
 from bench.analysis.frontier import frontier_verdicts
 from bench.analysis.run import in_order
-from bench.catalogue.conditions import condition_words, known_condition
+from bench.catalogue.conditions import CONDITIONS, condition_words, known_condition
 from bench.catalogue.methods import find_method, is_module_name, known_method, role
 from bench.catalogue.metrics import METRICS, column, declared_metric
 from bench.catalogue.suites import TRUTHS, Suite, Truth
@@ -41,7 +41,6 @@ from bench.report.styles import method_styles
 from bench.tables.build import Outputs, how_timed
 from bench.tables.frontier import cost_grid
 from bench.tables.table import Table
-from data_prep.clouds.conditions import CONDITIONS
 from data_prep.failures import BadInput
 from data_prep.files.atomic_write import write_whole
 

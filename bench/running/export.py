@@ -15,7 +15,7 @@ from datetime import UTC, datetime
 from pathlib import Path
 from typing import Any
 
-from bench.catalogue.conditions import ALL
+from bench.catalogue.conditions import ALL, CONDITIONS
 from bench.catalogue.lookup import find
 from bench.catalogue.methods import FLOOR
 from bench.catalogue.suites import SUITES, TRUTHS
@@ -25,7 +25,6 @@ from bench.running.plan import ObjectJobs, plan
 from bench.running.pool import WorkerFailure, run_tasks
 from bench.running.protocol import Protocol
 from bench.running.work import cloud_under
-from data_prep.clouds.conditions import CONDITIONS
 from data_prep.datasets.exported import (
     CLOUDS,
     COLUMNS,

@@ -17,7 +17,7 @@ from dataclasses import dataclass, field, replace
 from itertools import islice, product, starmap, zip_longest
 from typing import Any
 
-from bench.catalogue.conditions import find_condition
+from bench.catalogue.conditions import find_condition, needs_mesh
 from bench.catalogue.methods import Method
 from bench.records.job import GROUND_TRUTH, RECORDS_VERSION, Job, Result, failed
 from bench.records.store import Store
@@ -179,8 +179,9 @@ def plan(protocol: Protocol) -> Plan:
     """Return the plan of all jobs of a run.
 
     Where the suite has a grey truth, objects are drawn in grey. Raises BadInput for unknown
-    conditions, for weights that cannot be used, for objects without true images or without grey
-    ones, and for images drawn by others that do not belong to this run.
+    conditions, for weights that cannot be used, for objects without true images, without grey ones
+    or without the mesh that a condition needs, and for images drawn by others that do not belong to
+    this run.
     """
     if bare := [obj for obj in protocol.objects if not obj.has_truth]:
         raise BadInput(
@@ -197,12 +198,26 @@ def plan(protocol: Protocol) -> Plan:
                 protocol.dataset, protocol.export, exported, protocol.conditions, protocol.views
             )
     protocol.identities  # noqa: B018 -- refuses unusable weights before anything is drawn
+    _refuse_without_mesh(protocol)
     drawn = _in_grey(protocol) if protocol.suite.truth == "grey" else protocol.objects
     return Plan(
         protocol,
         dict(zip(protocol.names, drawn, strict=True)),
         tuple(map(find_condition, protocol.conditions)),
     )
+
+
+def _refuse_without_mesh(protocol: Protocol) -> None:
+    """Raise BadInput where a condition samples a mesh anew and an object has none."""
+    for condition in map(find_condition, protocol.conditions):
+        for obj in protocol.objects if needs_mesh(condition.perturbation) else ():
+            stored = isinstance(obj, ExportedObject) and obj.samples(condition.id)
+            if not (stored or isinstance(obj, MeshObject)):
+                raise BadInput(
+                    f"{protocol.dataset}: {name_of(obj)} has no mesh, which the condition "
+                    f"{condition.id} samples anew; leave it out of --conditions, or take a dataset "
+                    "of meshes"
+                )
 
 
 def _in_grey(protocol: Protocol) -> Iterator[SceneObject]:

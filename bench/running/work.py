@@ -14,7 +14,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from bench.catalogue.conditions import PluginPerturbation, find_condition
+from bench.catalogue.conditions import PluginPerturbation, find_condition, stream_of
 from bench.catalogue.method_files import PROJECT
 from bench.catalogue.methods import FLOORS, Method, find_run_method, is_foreign
 from bench.catalogue.metrics import (
@@ -277,7 +277,8 @@ def cloud_of(job: Job) -> PointCloud:
     if stored is not None:  # an export has the clouds of the conditions that it was made with
         return stored
     sampled = job.object.cloud(generator(job.seed, "cloud", *job.name.object))
-    return job.perturbation.apply(sampled, generator(job.seed, condition, *job.name.object))
+    stream = stream_of(condition, job.perturbation)
+    return job.perturbation.apply(sampled, generator(job.seed, stream, *job.name.object))
 
 
 def cloud_under(job: Job, condition: str) -> PointCloud:

@@ -2,8 +2,6 @@
 
 from __future__ import annotations
 
-from dataclasses import replace
-
 import numpy as np
 from numpy.typing import NDArray
 
@@ -26,16 +24,20 @@ def _areas(corners: NDArray[np.float64]) -> NDArray[np.float64]:
     return 0.5 * np.linalg.norm(np.cross(edges[:, 0], edges[:, 1]), axis=1)
 
 
-def sample_surface(mesh: Mesh, rng: np.random.Generator, count: int = CLOUD_SIZE) -> PointCloud:
+def sample_surface(
+    mesh: Mesh, rng: np.random.Generator, count: int = CLOUD_SIZE, *, coloured: bool = False
+) -> PointCloud:
     """Draw points independently and uniformly by area, in random order (paper, section 4).
 
     Because the draws are independent, any fixed subset of rows (every second row, for example) is
-    itself a uniform sample. The `source` of the cloud is the mesh.
+    itself a uniform sample. The `source` of the cloud is the mesh. If `coloured`, each point has
+    the colour of its face.
 
     Raises BadInput where the mesh has no face of positive area.
     """
-    points, _, _ = sample_faces(mesh.vertices.astype(np.float64)[mesh.faces], rng, count)
-    return PointCloud(points.astype(np.float32), source=mesh)
+    points, face, _ = sample_faces(mesh.vertices.astype(np.float64)[mesh.faces], rng, count)
+    colors = mesh.face_colors[face] if coloured else None
+    return PointCloud(points.astype(np.float32), source=mesh, colors=colors)
 
 
 def sample_faces(
@@ -118,7 +120,7 @@ def random_subset(cloud: PointCloud, count: int, rng: np.random.Generator) -> Po
         return cloud
     rows = rng.choice(len(cloud), size=count, replace=False)
     rows.sort()
-    return replace(cloud, points=cloud.points[rows])
+    return cloud.take(rows)
 
 
 def even_rows(count: int, wanted: int) -> NDArray[np.int64]:

@@ -107,6 +107,10 @@ class ExportedObject(StoredCloud):
         """Return whether the object was exported in neutral grey: its mesh, and so its images."""
         return self.mesh is not None and is_grey(self.load())
 
+    def samples(self, condition: str) -> bool:
+        """Return whether a cloud of the condition was exported, or can be sampled of the mesh."""
+        return self.mesh is not None or condition in dict(self.clouds)
+
     def perturbed(self, condition: str) -> PointCloud | None:
         """Return the cloud that was exported for a condition, or None."""
         file = dict(self.clouds).get(condition)

@@ -36,6 +36,9 @@ WHITE = 255
 _BOX_VERTICES = 128
 _MOST_RAYS = 2**19  # the most rays that are cast together, which bounds memory
 ALL = slice(None)
+# Of the distance to the camera: how much nearer a face has to be to hide a point. It is a hundred
+# times the rounding of float32, for rays that graze a face, and 4e-5 radii of the unit sphere.
+_TOUCHING = 1e-5
 # Where OpenGL takes the 4 samples of a pixel, as (column, row from the top): the standard pattern
 # of hardware and of Mesa's llvmpipe (lp_sample_pos_4x), which OpenGL counts from below.
 OPENGL = ((0.375, 0.875), (0.875, 0.625), (0.125, 0.375), (0.625, 0.125))
@@ -96,6 +99,24 @@ def surface_maps(
         planes = np.concatenate([covered, means], axis=-1)
         maps[i][:, *seen.window] = planes.transpose(2, 0, 1)
     return maps
+
+
+def sees(
+    mesh: Mesh, view: View, points: NDArray[np.float64], faces: NDArray[np.int64]
+) -> NDArray[np.bool_]:
+    """Return which points [N, 3] of a mesh the camera of a view sees, bool [N].
+
+    faces  the face that each point lies on, [N]
+
+    A point is seen where no other face lies between it and the camera. Faces that are as near as
+    float32 can tell hide nothing: those that meet at an edge, and those that coincide.
+    """
+    eye = camera_to_world(view)[:3, 3]
+    directions = (points - eye).astype(np.float32)
+    starts = np.broadcast_to(eye.astype(np.float32), directions.shape)
+    # A ray is at its point at distance 1, in lengths of its direction.
+    met = _scene(mesh).run(starts, directions, dists=1 - _TOUCHING, output=True)["primID"]
+    return (met < 0) | (met == faces)
 
 
 @dataclass(frozen=True, eq=False)

@@ -6,8 +6,8 @@ import numpy as np
 import pytest
 
 from baselines.reference import CONSTANT_IMAGE, Blank, Constant, TrueMesh
+from bench.catalogue.conditions import CONDITIONS
 from bench.catalogue.methods import find_method
-from data_prep.clouds.conditions import CONDITIONS
 from data_prep.datasets.objects import grey
 from data_prep.failures import StageFailure
 from data_prep.rendering.images import read_image, to_uint8

@@ -24,6 +24,7 @@ from bench import finish
 from bench.analysis.run import Run, full_frame, read_run
 from bench.analysis.sets import Distance
 from bench.analysis.values import EMPTY_VALUES, HIDDEN, VALUE_COLUMNS
+from bench.catalogue.conditions import CONDITIONS
 from bench.catalogue.methods import FLOORS
 from bench.catalogue.metrics import IMAGE_METRICS, column
 from bench.catalogue.suites import SUITES, Suite, TableSpec
@@ -57,7 +58,7 @@ from bench.running.run import RunResult
 from bench.tables.build import Outputs, write_outputs
 from bench.tables.grid import row_mappings
 from bench.tables.quality import quality_table
-from data_prep.clouds.conditions import CONDITIONS, Unchanged
+from data_prep.clouds.conditions import Unchanged
 from data_prep.datasets.protocol_version import PROTOCOL_VERSION
 from data_prep.failures import BadInput
 from data_prep.scene import View

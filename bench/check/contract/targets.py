@@ -9,13 +9,13 @@ from dataclasses import dataclass
 from functools import cache, partial
 from typing import TypeAlias, get_args
 
-from bench.catalogue.conditions import load_condition
+from bench.catalogue.conditions import CONDITIONS, load_condition
 from bench.catalogue.lookup import family_of
 from bench.catalogue.methods import Method, as_method, check_module, find_method, load_object
 from bench.catalogue.plugins import ImageMetric, SetMetric, find_metric, plugin_problem
 from bench.check.contract.findings import ContractViolation
 from bench.check.contract.session import Passed
-from data_prep.clouds.conditions import CONDITIONS, Condition
+from data_prep.clouds.conditions import Condition
 from data_prep.datasets.dataset import Dataset, DatasetReader
 from data_prep.datasets.registry import (
     find_reader,

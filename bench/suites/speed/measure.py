@@ -21,6 +21,7 @@ from typing import Any, Literal, TypeVar
 import numpy as np
 
 from bench.catalogue import suites
+from bench.catalogue.conditions import stream_of
 from bench.catalogue.methods import Method, find_method
 from bench.catalogue.suites import Limits, Procedure
 from bench.running.plan import views_of
@@ -262,7 +263,8 @@ def subjects_of(unit: Unit) -> tuple[list[Subject], list[CloudFailure]]:
         name = "/".join(names)
         try:
             cloud = obj.cloud(generator(unit.seed, "cloud", *names))
-            cloud = unit.perturbation.apply(cloud, generator(unit.seed, unit.condition, *names))
+            stream = stream_of(unit.condition, unit.perturbation)
+            cloud = unit.perturbation.apply(cloud, generator(unit.seed, stream, *names))
         except (BadInput, StageFailure) as error:
             failures.append(CloudFailure(name, reason_of(error)))
             continue

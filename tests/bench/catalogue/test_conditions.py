@@ -6,6 +6,7 @@ import numpy as np
 import pytest
 
 from bench.catalogue.conditions import (
+    CONDITIONS,
     FAMILIES,
     axis_positions,
     condition_name,
@@ -15,9 +16,9 @@ from bench.catalogue.conditions import (
 from bench.catalogue.lookup import find
 from bench.catalogue.suites import SUITES
 from data_prep.clouds.conditions import (
-    CONDITIONS,
     GaussianNoise,
     Missing,
+    MorePoints,
     Outliers,
     Stride,
     UnevenDensity,
@@ -33,6 +34,9 @@ def test_conditions_in_words():
         ("noise-0.10", "noise 10 % of the radius", "noise 10 %"),
         ("outliers-0.01", "1 % outliers", "outliers 1 %"),
         ("missing-0.50", "50 % missing on one side", "missing 50 %"),
+        ("8192", "8,192 points", "8,192"),
+        ("one-side", "seen from one side", "scan from one side"),
+        ("three-views", "seen from 3 sides", "scan from 3 sides"),
         ("density-10", "1,024 points, 10 times as dense at one end", "density 10 : 1"),
         ("of-a-plug-in", "of-a-plug-in", "of-a-plug-in"),
     ):
@@ -58,9 +62,11 @@ def on_the_axis(family, perturbation):
     match perturbation:
         case Stride(step):
             return {"points": CLOUD_SIZE / step, "density": 1.0}[family.id]
+        case MorePoints(value):
+            return value
         case GaussianNoise(value) | Outliers(value) | Missing(value) | UnevenDensity(value):
             return value
-    return {"points": CLOUD_SIZE}.get(family.id, 0.0)  # unchanged
+    return CLOUD_SIZE if "points" in family.id else 0.0  # unchanged
 
 
 @pytest.mark.parametrize("family", FAMILIES, ids=lambda family: family.id)
@@ -77,7 +83,8 @@ def test_a_family_goes_from_what_networks_know_to_what_they_do_not(family):
 def test_the_suite_has_all_families():
     suite = find("beyond-training", SUITES, "suite")
     assert families_of(suite.conditions) == FAMILIES
-    assert sorted(suite.conditions) == sorted({c for f in FAMILIES for c in f.conditions})
+    of_families = {condition for family in FAMILIES for condition in family.conditions}
+    assert sorted(suite.conditions) == sorted({*of_families, "three-views", "one-side"})
     metrics = {*suite.image_metrics, *suite.detail_metrics, *suite.set_metrics}
     assert set(suite.condition_sweep) <= metrics
 

@@ -8,11 +8,10 @@ import pytest
 
 from bench.catalogue import methods
 from bench.catalogue.chosen import BEST_CLASSICAL
-from bench.catalogue.conditions import find_condition, load_condition
+from bench.catalogue.conditions import CONDITIONS, find_condition, load_condition
 from bench.catalogue.methods import METHODS, OUR_FAMILIES, find_method
 from bench.catalogue.plugins import find_metric
 from bench.records.job import GROUND_TRUTH
-from data_prep.clouds.conditions import CONDITIONS
 from data_prep.datasets import registry as datasets
 from data_prep.failures import BadInput
 from data_prep.plugins import OUR_KINDS, announced

@@ -7,11 +7,11 @@ import re
 import pytest
 
 from bench.catalogue.chosen import measured_methods
+from bench.catalogue.conditions import CONDITIONS
 from bench.catalogue.methods import CHOOSE_FOR, METHODS, PARAMETERS, RECOMMENDED
 from bench.catalogue.metrics import METRICS
 from bench.catalogue.suites import ALL_SUITES, SUITES
 from bench.commands.listing import SECTIONS, section_lines
-from data_prep.clouds.conditions import CONDITIONS
 
 from ..conftest import on_terminal
 

@@ -10,6 +10,7 @@ import pytest
 from harness_objects import Tetrahedron
 
 from bench.catalogue.conditions import (
+    CONDITIONS,
     MOST_POINTS,
     OUR_CONDITIONS,
     find_condition,
@@ -20,7 +21,7 @@ from bench.running.options import Options
 from bench.running.plan import plan
 from bench.running.protocol import Protocol
 from bench.running.work import cloud_of, run_job
-from data_prep.clouds.conditions import CONDITIONS, Condition
+from data_prep.clouds.conditions import Condition
 from data_prep.failures import BadInput, MissingDependency
 from data_prep.randomness import generator
 from data_prep.scene import PointCloud

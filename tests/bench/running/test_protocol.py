@@ -1,6 +1,7 @@
 from __future__ import annotations
 
 from dataclasses import dataclass, replace
+from itertools import pairwise
 
 import numpy as np
 import pytest
@@ -8,7 +9,7 @@ from harness_objects import Tetrahedron
 
 import bench.catalogue.conditions
 import bench.running.plan
-from bench.catalogue.conditions import find_condition
+from bench.catalogue.conditions import CONDITIONS, find_condition
 from bench.catalogue.lookup import find
 from bench.catalogue.methods import find_method
 from bench.catalogue.suites import SUITES, Limits, with_truth
@@ -17,7 +18,8 @@ from bench.running.options import Options
 from bench.running.plan import plan
 from bench.running.protocol import Protocol, find_methods, with_floor
 from bench.running.work import cloud_of, run_job
-from data_prep.clouds.conditions import CONDITIONS, GaussianNoise
+from data_prep.clouds.conditions import GaussianNoise
+from data_prep.datasets.exported import ExportedObject, StoredFile
 from data_prep.datasets.registry import PaperObject, ProceduralObject
 from data_prep.failures import BadInput
 from data_prep.rendering.opengl import scene_values
@@ -221,6 +223,33 @@ def test_a_suite_in_grey_needs_meshes(tmp_path):
     message = "chair/a has images but no mesh, and chair-robustness --truth grey draws meshes in gr"
     with pytest.raises(BadInput, match=message):
         plan(make_protocol(suite=chosen, objects=(obj,)))
+
+
+@pytest.mark.parametrize("condition", ["8192", "one-side"])
+def test_a_condition_that_samples_the_mesh_anew_needs_one(tmp_path, condition):
+    stored = StoredFile(tmp_path / "a.ply", "0")
+    view = (View(0, 0), stored)
+    bare = PaperObject("chair", "a", tmp_path / "a.ply", tmp_path)
+    without = ExportedObject("chair", "a", None, (("2048", stored),), (view, view))
+    message = f"chair/a has no mesh, which the condition {condition} samples anew; leave it out"
+    for obj in (bare, without):
+        with pytest.raises(BadInput, match=message):
+            plan(make_protocol(objects=(Tetrahedron(), obj), conditions=("512", condition)))
+        plan(make_protocol(objects=(obj,), conditions=("512", "noise-0.05")))
+    exported = replace(without, clouds=((condition, stored),))
+    for obj in (exported, replace(without, mesh=stored)):
+        assert len(plan(make_protocol(objects=(obj,), conditions=(condition,)))) == 1
+
+
+def test_larger_clouds_begin_with_the_smaller_ones_in_a_run():
+    conditions = ("512", "2048", "8192", "32768", "one-side", "three-views")
+    protocol = make_protocol(conditions=conditions, objects=(Tetrahedron(),))
+    jobs = {job.condition: job for job in plan(protocol)[0].method_jobs if job.method == "splat"}
+    clouds = {condition: cloud_of(job).points for condition, job in jobs.items()}
+    np.testing.assert_array_equal(clouds["512"], clouds["2048"][::4])
+    for few, more in pairwise(("2048", "8192", "32768")):
+        assert len(clouds[more]) == int(more)
+        np.testing.assert_array_equal(clouds[more][: int(few)], clouds[few])
 
 
 def test_the_option_leaves_out_methods_that_make_up_colours_unless_they_are_asked_for(

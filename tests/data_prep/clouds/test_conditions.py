@@ -6,16 +6,19 @@ import numpy as np
 import pytest
 from scipy import stats
 
+from bench.catalogue.conditions import CONDITIONS, needs_mesh
 from data_prep.clouds.conditions import (
-    CONDITIONS,
     Condition,
     GaussianNoise,
     Missing,
+    MorePoints,
     Outliers,
     Stride,
     Unchanged,
     UnevenDensity,
 )
+from data_prep.clouds.sampling import sample_surface
+from data_prep.failures import BadInput
 from data_prep.scene import Mesh, PointCloud
 
 BY_ID = {condition.id: condition for condition in CONDITIONS}
@@ -44,10 +47,14 @@ def test_the_papers_five_come_first() -> None:
     paper = [c.id for c in CONDITIONS if c.source.startswith("paper")]
     assert paper == ["2048", "1024", "512", "noise-0.05", "noise-0.10"]
     assert [c.id for c in CONDITIONS[:5]] == paper
-    assert len(BY_ID) == len(CONDITIONS) == 16
+    assert len(BY_ID) == len(CONDITIONS) == 20
 
 
-@pytest.mark.parametrize("condition", CONDITIONS, ids=lambda c: c.id)
+OF_CLOUDS = [c for c in CONDITIONS if not needs_mesh(c.perturbation)]
+OF_MESHES = [c for c in CONDITIONS if needs_mesh(c.perturbation)]
+
+
+@pytest.mark.parametrize("condition", OF_CLOUDS, ids=lambda c: c.id)
 def test_every_condition(condition: Condition) -> None:
     """The parameter is that of the name, the cloud itself stays, the source too, and the seed
     decides; of nothing, a point and one point many times comes no error and no value out of
@@ -76,6 +83,55 @@ def test_every_condition(condition: Condition) -> None:
         assert len(points) <= count
         if kind not in ("noise", "outliers"):
             assert (points == np.float32(0.1)).all()
+
+
+@pytest.mark.parametrize("condition", OF_MESHES, ids=lambda c: c.id)
+def test_conditions_that_sample_a_mesh_anew(condition: Condition) -> None:
+    """The count is that of the name, the seed decides, and a cloud without a mesh is refused."""
+    cloud = sample_surface(MESH, np.random.default_rng(1))
+    one, same, other = (apply(condition.id, cloud, seed) for seed in (5, 5, 6))
+    assert len(one) == {"8192": 8192, "32768": 32768}.get(condition.id, 2048)
+    assert one.source is MESH
+    assert one.colors is None
+    assert one.points.tobytes() == same.points.tobytes() != other.points.tobytes()
+    # On the plane x + y + z = 1 of the only face, within it.
+    np.testing.assert_allclose(one.points.sum(axis=1), 1, rtol=0, atol=1e-6)
+    assert one.points.min() > -1e-6
+    with pytest.raises(BadInput, match="has no mesh, which this condition samples anew"):
+        apply(condition.id, PointCloud(cloud.points))
+
+
+def test_more_points_begin_with_those_of_fewer() -> None:
+    cloud = sample_surface(MESH, np.random.default_rng(1))
+    few, more, most = (
+        MorePoints(count).apply(cloud, np.random.default_rng(2)).points
+        for count in (1000, 8192, 10_000)
+    )
+    np.testing.assert_array_equal(few, cloud.points[:1000])
+    np.testing.assert_array_equal(more[:2048], cloud.points)
+    np.testing.assert_array_equal(most[:8192], more)
+    assert len(np.unique(most, axis=0)) == len(most) == 10_000
+
+
+@pytest.mark.parametrize("condition", CONDITIONS, ids=lambda c: c.id)
+def test_points_keep_their_colours(condition: Condition) -> None:
+    """Faces in the planes z = 0, red, and z = 1, blue; colours do not change which points are."""
+    corners = [[0, 0, 0], [1, 0, 0], [0, 1, 0], [0, 0, 1], [1, 0, 1], [0, 1, 1]]
+    mesh = Mesh(corners, [[0, 1, 2], [3, 4, 5]], [[200, 0, 0], [0, 0, 100]])
+    cloud = sample_surface(mesh, np.random.default_rng(1), coloured=True)
+    made = apply(condition.id, cloud, seed=2)
+    plain = apply(condition.id, PointCloud(cloud.points, source=mesh), seed=2)
+    np.testing.assert_array_equal(made.points, plain.points)
+    assert made.colors is not None
+    assert made.colors.shape == (len(made), 3)
+    assert {tuple(color) for color in made.colors.tolist()} == {(200, 0, 0), (0, 0, 100)}
+    moved = (made.points[:, 2] != 0) & (made.points[:, 2] != 1)
+    blue = made.colors[:, 2] == 100
+    np.testing.assert_array_equal(blue[~moved], made.points[~moved, 2] == 1)
+    if isinstance(condition.perturbation, GaussianNoise | Outliers):  # in their rows, all of them
+        np.testing.assert_array_equal(made.colors, cloud.colors)
+    else:
+        assert not moved.any()
 
 
 def test_stride_takes_exactly_these_rows_and_uses_no_chance() -> None:
