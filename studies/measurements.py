@@ -122,6 +122,17 @@ MEASUREMENTS: Mapping[str, QuotedRun] = {
         ("splat-net", "splat-net@grey", "fused-net", "occupancy-net"),
         FIRST,
     ),
+    "dense-and-scanned": QuotedRun(
+        f"{_REAL} --limit 1 --truth grey --conditions 2048,8192,32768,three-views,one-side "
+        f"--views 4 --methods surface-fit,poisson,splat,{_CLASSICAL},pc2pix@all,occupancy-net,"
+        f"{GREY},blank",
+        metrics=FIRST,
+    ),
+    "coloured-clouds": QuotedRun(
+        f"{_REAL} --limit 1 --truth coloured-clouds --conditions 2048,32768 --views 4 --methods "
+        f"surface-fit,poisson,splat,{_CLASSICAL},occupancy-net,{GREY},fused-net,blank",
+        metrics=FIRST,
+    ),
     "headline": QuotedRun(
         f"{_REAL} --truth grey --conditions 2048,noise-0.10 --views 2 "
         "--metrics st-lpips,dists,flip "

@@ -4,6 +4,7 @@ Every setting that can move a value beyond its tolerance stands here. The comman
 a run is carried out, with how much data and how fast. It also chooses whether true images are in
 colours or in grey. A cloud has no colours, so that a score against true images in colours depends
 in part on whether a method happens to guess the lightness; in grey it depends on the shape alone.
+A third question gives clouds the colours of their objects, as scanners do.
 """
 
 from __future__ import annotations
@@ -41,10 +42,11 @@ TableKind = Literal[
 
 Figures = Literal["robustness", "classes", "condition sweep", "frontier"]
 
-Truth = Literal["coloured", "grey"]
+Truth = Literal["coloured", "grey", "coloured-clouds"]
 TRUTHS: dict[Truth, str] = {
     "coloured": "the true mesh in its colours",
     "grey": "the true mesh in grey",
+    "coloured-clouds": "the true mesh in its colours, from clouds with colours",
 }
 
 
@@ -104,8 +106,9 @@ class Suite:
     headline         the metrics of the short table that a run prints while it goes on, and at its
                      end
     truth            whether true images have the colours of their objects, or all faces in neutral
-                     grey, which only `with_truth` sets. Points and views are the same with both
-    grey_methods     methods that are added to `methods` where true images are in grey
+                     grey, or clouds have the colours of their objects, too. Only `with_truth` sets
+                     another than the first. Points and views are the same with all
+    grey_methods     methods that are added to `methods` where no method has to make up colours
     timed            whether a single worker does all jobs, so that no other job disturbs its times
     tables           the tables, in the order in which they are shown. A run lacks those that its
                      objects or methods do not suffice for
@@ -328,7 +331,7 @@ _GREY_METRICS = {"fd-views": "fd-views-grey"}  # metrics that others replace in 
 # The fields of a suite that may name metrics of _COLOUR_METRICS.
 _METRIC_FIELDS = ("set_metrics", "class_metrics", "frontier", "condition_sweep")
 # Tables in place of those whose names and titles have the number of a table of the paper, for the
-# paper has no true images in grey.
+# paper has no true images in grey, and no clouds with colours.
 _UNNUMBERED: dict[TableKind, TableSpec] = {
     "images": IMAGE_TABLE,
     "sets": SET_TABLE,
@@ -336,18 +339,21 @@ _UNNUMBERED: dict[TableKind, TableSpec] = {
 }
 
 
-def with_truth(suite: Suite, truth: str | None) -> Suite:
-    """Return the suite with true images in colours or in grey; None means in colours.
+def with_truth(suite: Suite, truth: Truth | None) -> Suite:
+    """Return the suite with another truth; None means true images in colours.
 
-    In grey, methods that make up colours are left out and `grey_methods` are added. Metrics that
-    need colours, the paper's values and the check of the paper's orderings are left out, too.
-    Raises BadInput for an unknown truth.
+    In grey, and where clouds have colours, methods that make up colours are left out and
+    `grey_methods` are added. The paper's values and the check of the paper's orderings are left
+    out, too, and in grey metrics that need colours. Raises BadInput for an unknown truth.
     """
     if truth is None or truth == "coloured":
         return suite
     if truth not in TRUTHS:
         raise unknown(truth, list(TRUTHS), "truth")
-    metrics = {field: _metrics_in_grey(getattr(suite, field)) for field in _METRIC_FIELDS}
+    about, metrics = f"{suite.about}; here of clouds with colours", {}
+    if truth == "grey":
+        about = f"{suite.about}; here in grey"
+        metrics = {field: _metrics_in_grey(getattr(suite, field)) for field in _METRIC_FIELDS}
     tables = []
     for table in suite.tables:
         if table.kind == "orderings":  # which needs the paper's values, that are of colours
@@ -355,31 +361,33 @@ def with_truth(suite: Suite, truth: str | None) -> Suite:
         tables.append(replace(_UNNUMBERED.get(table.kind, table), paper_layout=False))
     return replace(
         suite,
-        about=f"{suite.about}; here in grey",
-        methods=_methods_in_grey(suite),
+        about=about,
+        methods=_methods_of(suite, truth),
         tables=tuple(tables),
-        truth="grey",
+        truth=truth,
         **metrics,
     )
 
 
-def left_out_in_grey(suite: Suite) -> dict[str, str]:
-    """Return the methods of a suite that are left out in grey, each with the reason.
+def left_out(suite: Suite, truth: Truth) -> dict[str, str]:
+    """Return the methods of a suite that a truth other than "coloured" leaves out, with reasons.
 
-    Reference methods are kept, except `true-mesh@grey`, whose images are those of `true-mesh` then.
+    Reference methods are kept, except in grey `true-mesh@grey`, whose images are those of
+    `true-mesh` then.
     """
+    in_grey = truth == "grey" and CEILING in suite.methods
     reasons = {}
     for method in map(find_method, suite.methods):
         if method.color == "invented" and method.kind != "reference":
             reasons[method.id] = "makes up colours"
-        elif method.sees_mesh and method.color == "none" and CEILING in suite.methods:
+        elif in_grey and method.sees_mesh and method.color == "none":
             reasons[method.id] = f"is {CEILING} in grey"
     return reasons
 
 
-def _methods_in_grey(suite: Suite) -> tuple[str, ...]:
-    left_out = left_out_in_grey(suite)
-    kept = [method for method in suite.methods if method not in left_out]
+def _methods_of(suite: Suite, truth: Truth) -> tuple[str, ...]:
+    reasons = left_out(suite, truth)
+    kept = [method for method in suite.methods if method not in reasons]
     references = [method for method in kept if find_method(method).kind == "reference"]
     competing = [method for method in kept if method not in references]
     return tuple(dict.fromkeys((*competing, *suite.grey_methods, *references)))

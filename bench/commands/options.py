@@ -80,6 +80,7 @@ class _TruthChoice(StrEnum):
 
     coloured = "coloured"
     grey = "grey"
+    coloured_clouds = "coloured-clouds"
 
 
 class Device(StrEnum):
@@ -248,8 +249,9 @@ RUN_OPTIONS: dict[str, str | OptionSpec] = {
     "dataset": "Dataset: procedural, folder:PATH (sub-folders are classes), shapenet:PATH, "
     "modelnet:PATH, paper:PATH or exported:PATH; see 'bench data inspect PATH'.",
     "truth": OptionSpec(
-        "The true images: in the colours of the objects, or with all faces in grey, where only the "
-        "shape counts; see docs/protocol.md. Default: coloured.",
+        "The true images: in the colours of the objects; or with all faces in grey, where only the "
+        "shape counts; or in colours that clouds have, too; see docs/protocol.md. Default: "
+        "coloured.",
         kind=_TruthChoice | None,
         convert=lambda value: value and str(value),
     ),

@@ -39,6 +39,7 @@ from bench.draw.files import (
     write_images,
 )
 from bench.draw.finish import Tile, columns_of, draw_sheet
+from bench.draw.kept_mesh import check_kept
 from bench.running.environment import cores
 from bench.tables.markdown import visible
 from data_prep.clouds.orientations import upright

@@ -10,7 +10,6 @@ from bench.catalogue.methods import RECOMMENDED, RECOMMENDED_IN_COLOUR, Method, 
 from data_prep.failures import BadInput
 from data_prep.scene import CLOUD_SIZE, PointCloud
 
-COLOUR_METHOD = "splat"  # the method that draws the colours of points itself, as discs
 # Lines for the user, on what is left out of a file, and on what a method did to the points.
 Notes = tuple[str, ...]
 

@@ -18,13 +18,13 @@ from numpy.typing import NDArray
 
 from bench.catalogue.methods import ANY_SIZE, find_method
 from bench.catalogue.suites import Limits
-from bench.draw.choice import COLOUR_METHOD, Notes, check_source, notes_on_size, within_budget
+from bench.draw.choice import Notes, check_source, notes_on_size, within_budget
 from bench.draw.cloud_file import CloudFile, LoadedCloud, check_count
-from bench.draw.colours import in_colours
-from bench.draw.finish import enlarged, guessed_coverage, resized, without_background
+from bench.draw.finish import enlarged, resized, without_background
 from bench.draw.kept_mesh import keep_mesh
 from bench.draw.shots import Shots, shots_of
 from bench.draw.thread import on_drawing_thread, one_pool
+from bench.running.colours import COLOUR_FAMILY, Keeper, coverage_of, in_colours, is_painted
 from bench.running.pool import WorkerFailure, run_tasks
 from bench.running.work import draw, load_renderer, reason_of
 from data_prep.failures import BadInput, MissingDependency
@@ -34,7 +34,6 @@ from data_prep.rendering.dots import draw_dots
 from data_prep.scene import (
     IMAGE_SIZE,
     AnyView,
-    Images,
     PointCloud,
     Renderer,
     UInt8Images,
@@ -290,24 +289,6 @@ def suited(drawing: Drawing, loaded: LoadedCloud, where: str = "") -> tuple[Draw
     return drawing, (*of_file, *(f"{where}{note}" for note in of_choice))
 
 
-class _Keeper:
-    """A renderer that remembers what it made of the last cloud before it drew."""
-
-    state: Any = None
-
-    def __init__(self, renderer: Renderer) -> None:
-        self.renderer = renderer
-
-    def prepare(self, cloud: PointCloud, rng: np.random.Generator) -> Any:
-        self.state = self.renderer.prepare(cloud, rng)
-        return self.state
-
-    def draw(
-        self, state: Any, views: Sequence[View], rng: np.random.Generator, **size: int
-    ) -> Images:
-        return self.renderer.draw(state, views, rng, **size)
-
-
 @dataclass(frozen=True, eq=False)
 class DrawnViews:
     """The images that a method has drawn of a cloud.
@@ -337,29 +318,21 @@ def draw_views(
         notes = (*notes_on_size((drawing.method,), shots.size), *drawn_parts.notes)
         return DrawnViews(shots.whole(drawn_parts.images), drawn_parts.state, notes)
     method, rng = find_method(drawing.method), drawing.rng or generator("render")
-    side, keeper = method.drawn_at(drawing.size), _Keeper(renderer)
+    side, keeper = method.drawn_at(drawing.size), Keeper(renderer)
     batch = drawing.batch or max(1, _MOST_PIXELS // side**2)
     # Methods that know views alone are refused where cameras are given (`check_camera`).
     views = cast("tuple[View, ...]", drawing.views)
     drawn = draw(method, keeper, cloud, views, rng, batch, side=side).images
     notes = tuple(f"{method.id}: {note}" for note in getattr(keeper.state, "notes", ()))
-    drawn_itself = method.id == COLOUR_METHOD or method.sees_mesh
-    painted = cloud.colors is not None and not drawn_itself
-    if painted and method.color != "none":
-        painted = False
+    painted = is_painted(method, cloud)
+    of_points = painted or method.family == COLOUR_FAMILY or method.sees_mesh
+    if cloud.colors is not None and not of_points:
         notes += (f"{method.id}: draws in colours of its own; those of the points are not used",)
     transparent = drawing.background == "transparent"
     if not painted and not transparent:
         return DrawnViews(resized(drawn, drawing.size), keeper.state, notes)
-    coverage: Any = getattr(renderer, "coverage", None)
-    if coverage is None:
-        notes += (f"{method.id}: tells no opacity; it is guessed from how dark a pixel is",)
-        shares = guessed_coverage(drawn)
-    else:
-        parts = []
-        for first in range(0, len(drawing.views), batch):
-            parts.append(coverage(keeper.state, drawing.views[first : first + batch], side))
-        shares = np.concatenate(parts)
+    shares, guessed = coverage_of(keeper, method, drawn, drawing.views, batch)
+    notes += guessed
     if painted:  # at the size that is asked for, at which colours are sharper than the shading
         drawn = resized(drawn, drawing.size)
         shares = np.stack([enlarged(share, drawing.size).clip(0, 1) for share in shares])

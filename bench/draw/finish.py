@@ -18,12 +18,8 @@ from data_prep.scene import IMAGE_SIZE, UInt8Images
 if TYPE_CHECKING:
     from PIL.ImageFont import FreeTypeFont, ImageFont
 
-# The darkness, 0 to 1, below which a pixel counts as background, which networks draw a little off
-# white.
-_BACKGROUND = 8 / 255
 # A coverage that is as near as this to 0 or 1 counts as 0 or 1, which networks hardly ever reach.
 _UNSURE = 8 / 255
-_EDGE_PX = 2  # the width in pixels of edges that networks draw; edges of meshes have one pixel
 # The measures of a sheet, in pixels.
 MARGIN = 6  # the space around tiles and between them
 LABEL_HEIGHT = 18  # the height of the line above a tile that holds its label
@@ -78,33 +74,6 @@ def enlarged(share: NDArray[np.float32], size: int) -> NDArray[np.float32]:
         return share
     whole = Image.fromarray(share.astype(np.float32))
     return np.asarray(whole.resize((size, size), Image.Resampling.LANCZOS))
-
-
-def guessed_coverage(images: UInt8Images) -> NDArray[np.float32]:
-    """Return the coverage, 0 to 1, that the pixels of images on white seem to have.
-
-    images   [F, S, S, 3]
-    returns  [F, S, S]
-
-    White counts as background. Within _EDGE_PX of the background, a pixel counts as covered to the
-    share that its darkness has of the darkness of the object beside it. Parts of an object that are
-    thin and bright therefore come out half transparent.
-    """
-    return np.array([_guessed(image) for image in images], np.float32).reshape(images.shape[:3])
-
-
-def _guessed(image: NDArray[np.uint8]) -> NDArray[np.float64]:
-    from scipy.ndimage import maximum_filter, minimum_filter, uniform_filter
-
-    darkness, around = 1 - image.min(axis=-1) / 255, 2 * _EDGE_PX + 1
-    within = minimum_filter(darkness, around) >= _BACKGROUND
-    # The darkness of the object beside an edge is the mean over its inside near by. A thin part has
-    # no inside; there the darkest pixel near by is taken.
-    share = uniform_filter(within.astype(float), 2 * around - 1)
-    inside = uniform_filter(darkness * within, 2 * around - 1) / np.maximum(share, 1e-9)
-    beside = np.where(share > 1e-9, inside, maximum_filter(darkness, around))
-    edge = np.minimum(darkness / np.maximum(beside, _BACKGROUND), 1.0)
-    return np.where(within, 1.0, np.where(darkness < _BACKGROUND, darkness, edge))
 
 
 @dataclass(frozen=True, eq=False)

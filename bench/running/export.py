@@ -70,11 +70,15 @@ def export(options: Options, out: Path) -> int:
 
     The folder is written whole or not at all. It has clouds under the conditions of the options (by
     default those of the suite; ("all",) stands for all of our own), and the unperturbed cloud in
-    any case. Raises BadInput for a folder that is there already and for objects that cannot be
-    exported, and CannotWrite.
+    any case. Raises BadInput for a folder that is there already, for objects that cannot be
+    exported and for clouds with colours, and CannotWrite.
     """
     if out.exists():
         raise BadInput(f"{out}: is there already; give a new folder with --out")
+    if options.truth == "coloured-clouds":
+        raise BadInput(
+            "--truth coloured-clouds: an export keeps no colours of points; leave the option out"
+        )
     suite = find(options.suite, SUITES, "suite")
     named = options.conditions or suite.conditions
     if named == (ALL,):

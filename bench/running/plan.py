@@ -24,7 +24,7 @@ from bench.records.store import Store
 from bench.running.protocol import Protocol, name_of
 from data_prep.clouds.conditions import Condition, Unchanged
 from data_prep.datasets.exported import UNPERTURBED, ExportedObject
-from data_prep.datasets.objects import GreyObject, MeshObject, SceneObject
+from data_prep.datasets.objects import ColouredCloudObject, GreyObject, MeshObject, SceneObject
 from data_prep.datasets.registry import PROCEDURAL_VERSION
 from data_prep.failures import BadInput
 from data_prep.randomness import generator
@@ -178,10 +178,10 @@ def views_of(obj: SceneObject, count: int, seed: int) -> tuple[View, ...]:
 def plan(protocol: Protocol) -> Plan:
     """Return the plan of all jobs of a run.
 
-    Where the suite has a grey truth, objects are drawn in grey. Raises BadInput for unknown
-    conditions, for weights that cannot be used, for objects without true images, without grey ones
-    or without the mesh that a condition needs, and for images drawn by others that do not belong to
-    this run.
+    Objects are drawn in grey, or their clouds get colours, where the suite's truth asks for it.
+    Raises BadInput for unknown conditions, for weights that cannot be used, for objects without
+    true images or without the mesh that a truth or a condition needs, and for images drawn by
+    others that do not belong to this run.
     """
     if bare := [obj for obj in protocol.objects if not obj.has_truth]:
         raise BadInput(
@@ -199,7 +199,7 @@ def plan(protocol: Protocol) -> Plan:
             )
     protocol.identities  # noqa: B018 -- refuses unusable weights before anything is drawn
     _refuse_without_mesh(protocol)
-    drawn = _in_grey(protocol) if protocol.suite.truth == "grey" else protocol.objects
+    drawn = protocol.objects if protocol.suite.truth == "coloured" else _remade(protocol)
     return Plan(
         protocol,
         dict(zip(protocol.names, drawn, strict=True)),
@@ -220,10 +220,21 @@ def _refuse_without_mesh(protocol: Protocol) -> None:
                 )
 
 
-def _in_grey(protocol: Protocol) -> Iterator[SceneObject]:
-    """Yield the objects of a run as they are drawn in grey. Raises BadInput where one cannot be."""
-    suite = f"{protocol.suite.id} --truth grey"
+def _remade(protocol: Protocol) -> Iterator[SceneObject]:
+    """Yield the objects of a run in grey, or with colours of their points, as its truth asks.
+
+    Raises BadInput where one cannot be had so.
+    """
+    suite = f"{protocol.suite.id} --truth {protocol.suite.truth}"
     for obj in protocol.objects:
+        if protocol.suite.truth == "coloured-clouds":
+            if not isinstance(obj, MeshObject):  # exports, too, keep points without colours
+                raise BadInput(
+                    f"{protocol.dataset}: {name_of(obj)} has a cloud without colours, and "
+                    f"{suite} takes those of a mesh; take a dataset of meshes"
+                )
+            yield ColouredCloudObject(obj)
+            continue
         what = f"{protocol.dataset}: {name_of(obj)}"
         if isinstance(obj, MeshObject) and not isinstance(obj, ExportedObject):
             yield GreyObject(obj)

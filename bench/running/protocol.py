@@ -25,7 +25,8 @@ from bench.catalogue.suites import (
     SUITES,
     TRUTHS,
     Suite,
-    left_out_in_grey,
+    Truth,
+    left_out,
     stored_suite,
     truth_entry,
     with_truth,
@@ -286,7 +287,7 @@ def method_identity(method: Method, device: str) -> list[Any]:
 def _suite_of(options: Options) -> Suite:
     """Return the suite that options name, with the kind of true images that they ask for.
 
-    A line on stderr names the methods that a suite with grey truth leaves out, and why. Raises
+    A line on stderr names the methods that a suite with another truth leaves out, and why. Raises
     BadInput for an unknown suite, and for weights of a network that the suite does not use.
     """
     in_colours = find(options.suite, SUITES, "suite")
@@ -296,14 +297,14 @@ def _suite_of(options: Options) -> Suite:
             f"--inception-weights: {suite.id} takes no fid against {TRUTHS[suite.truth]}; leave it"
         )
     if suite is not in_colours and not options.methods:
-        _log_left_out_in_grey(in_colours)
+        _log_left_out(in_colours, suite.truth)
     return suite
 
 
-def _log_left_out_in_grey(in_colours: Suite) -> None:
-    """Name on stderr the methods that a suite leaves out where the truth is grey, and why."""
+def _log_left_out(in_colours: Suite, truth: Truth) -> None:
+    """Name on stderr the methods that a suite leaves out with another truth, and why."""
     by_reason: dict[str, list[str]] = {}
-    for method_id, reason in left_out_in_grey(in_colours).items():
+    for method_id, reason in left_out(in_colours, truth).items():
         by_reason.setdefault(reason, []).append(method_id)
     if not by_reason:
         return
@@ -311,7 +312,7 @@ def _log_left_out_in_grey(in_colours: Suite) -> None:
     others = f"them, or for networks in grey like {RECOMMENDED}"
     if in_colours.grey_methods:
         names, others = f"{names}, and adds {', '.join(in_colours.grey_methods)}", "others"
-    log(f"--truth grey leaves out {names}: give --methods for {others}")
+    log(f"--truth {truth} leaves out {names}: give --methods for {others}")
 
 
 def _log_about_plugins(methods: Mapping[str, Method], conditions: Sequence[str]) -> None:

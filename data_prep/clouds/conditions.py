@@ -84,18 +84,14 @@ class MorePoints:
 
         from data_prep.clouds.sampling import sample_surface
 
-        mesh, coloured = mesh_behind(cloud), cloud.colors is not None
-        points, colors = [cloud.points], [cloud.colors]
-        while sum(map(len, points)) < self.count:
+        mesh, blocks = mesh_behind(cloud), [cloud]
+        while sum(map(len, blocks)) < self.count:
             # Blocks of one size, so that a larger cloud begins with the draws of a smaller one.
-            block = sample_surface(mesh, rng, coloured=coloured)
-            points.append(block.points)
-            colors.append(block.colors)
-        return replace(
-            cloud,
-            points=np.concatenate(points)[: self.count],
-            colors=np.concatenate(colors)[: self.count] if coloured else None,
-        )
+            blocks.append(sample_surface(mesh, rng, coloured=cloud.colors is not None))
+        points = np.concatenate([block.points for block in blocks])
+        colors = [block.colors for block in blocks if block.colors is not None]
+        joined = replace(cloud, points=points, colors=np.concatenate(colors) if colors else None)
+        return joined.take(slice(self.count))
 
 
 def mesh_behind(cloud: PointCloud) -> Mesh:

@@ -8,7 +8,7 @@ from __future__ import annotations
 from abc import ABC, abstractmethod
 from collections.abc import Sequence
 from dataclasses import dataclass
-from typing import Literal, Protocol
+from typing import ClassVar, Literal, Protocol
 
 import numpy as np
 from numpy.typing import NDArray
@@ -85,6 +85,8 @@ class SceneObject(Protocol):
 class MeshObject(ABC):
     """An object with a mesh: sampled, seen from random views, and rendered."""
 
+    coloured_points: ClassVar[bool] = False  # whether points have the colours of their faces
+
     @property
     def has_truth(self) -> bool:
         """Return True: the mesh can be rendered."""
@@ -96,7 +98,7 @@ class MeshObject(ABC):
 
     def cloud(self, rng: np.random.Generator, count: int = CLOUD_SIZE) -> PointCloud:
         """Return points drawn uniformly by area."""
-        return sample_surface(self.load(), rng, count)
+        return sample_surface(self.load(), rng, count, coloured=self.coloured_points)
 
     def views(self, count: int, rng: np.random.Generator) -> tuple[View, ...]:
         """Return views drawn at random."""
@@ -115,7 +117,7 @@ class MeshObject(ABC):
         from data_prep.rendering.opengl import render
 
         mesh = self.load()
-        return sample_surface(mesh, rng), render(mesh, views)
+        return sample_surface(mesh, rng, coloured=self.coloured_points), render(mesh, views)
 
 
 class StoredCloud(ABC):
@@ -152,8 +154,8 @@ def is_grey(mesh: Mesh) -> bool:
 
 
 @dataclass(frozen=True)
-class GreyObject(MeshObject):
-    """An object in neutral grey, with the names of the original.
+class RemadeObject(MeshObject):
+    """An object whose mesh or cloud is made anew, with the names of the original.
 
     Equal names give the same views and, by the same random numbers, the same points.
     """
@@ -170,6 +172,10 @@ class GreyObject(MeshObject):
         """Return the id of the original."""
         return self.original.object_id
 
+
+class GreyObject(RemadeObject):
+    """An object in neutral grey."""
+
     def fingerprint(self) -> str:
         """Return a text that differs from the fingerprint of the original."""
         return f"unpainted {self.original.fingerprint()}"  # part of the keys of finished work
@@ -177,3 +183,17 @@ class GreyObject(MeshObject):
     def load(self) -> Mesh:
         """Return the mesh of the original in grey."""
         return grey(self.original.load())
+
+
+class ColouredCloudObject(RemadeObject):
+    """An object whose points have the colours of its faces."""
+
+    coloured_points = True
+
+    def fingerprint(self) -> str:
+        """Return a text that differs from the fingerprint of the original."""
+        return f"coloured cloud {self.original.fingerprint()}"  # part of the keys of finished work
+
+    def load(self) -> Mesh:
+        """Return the mesh of the original."""
+        return self.original.load()

@@ -102,7 +102,7 @@ def surface_maps(
 
 
 def sees(
-    mesh: Mesh, view: View, points: NDArray[np.float64], faces: NDArray[np.int64]
+    mesh: Mesh, view: AnyView, points: NDArray[np.float64], faces: NDArray[np.int64]
 ) -> NDArray[np.bool_]:
     """Return which points [N, 3] of a mesh the camera of a view sees, bool [N].
 

@@ -15,7 +15,7 @@ from bench.catalogue.suites import (
     ROBUSTNESS,
     SET_TABLE,
     SUITES,
-    left_out_in_grey,
+    left_out,
     stored_suite,
     truth_entry,
     with_truth,
@@ -79,7 +79,7 @@ def test_methods_of_colours_and_the_twin_of_the_ceiling_are_left_out_with_reason
         *("constant", "blank"),
     )
     suite = replace(ROBUSTNESS, methods=methods, grey_methods=())
-    assert left_out_in_grey(suite) == {
+    assert left_out(suite, "grey") == {
         "splat-net@chair": "makes up colours",
         "true-mesh@grey": "is true-mesh in grey",
     }
@@ -87,7 +87,7 @@ def test_methods_of_colours_and_the_twin_of_the_ceiling_are_left_out_with_reason
         *("splat-net@grey", "true-mesh", "constant", "blank"),
     )
     alone = replace(ROBUSTNESS, methods=("true-mesh@grey", "blank"))
-    assert left_out_in_grey(alone) == {}
+    assert left_out(alone, "grey") == {}
 
 
 def test_metrics_of_colours_have_their_grey_twin_or_none():

@@ -13,7 +13,7 @@ from PIL import Image
 import bench
 from baselines.neighbourhoods import nearest_distance
 from bench.draw.cloud import Drawing, draw_in_process
-from bench.draw.colours import colours_seen, in_colours
+from bench.running.colours import colours_seen, in_colours
 from data_prep.clouds.normalise import normalise_points
 from data_prep.failures import BadInput
 from data_prep.randomness import generator

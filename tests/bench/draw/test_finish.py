@@ -5,7 +5,8 @@ import pytest
 from PIL import Image
 
 from baselines.splat import Splat
-from bench.draw.finish import guessed_coverage, resized, without_background
+from bench.draw.finish import resized, without_background
+from bench.running.colours import guessed_coverage
 from data_prep.clouds.sampling import sample_surface
 from data_prep.datasets.registry import open_dataset
 from data_prep.randomness import generator
