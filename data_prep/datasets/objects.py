@@ -197,3 +197,11 @@ class ColouredCloudObject(RemadeObject):
     def load(self) -> Mesh:
         """Return the mesh of the original."""
         return self.original.load()
+
+    def views(self, count: int, rng: np.random.Generator) -> tuple[View, ...]:
+        """Return the views of the original."""
+        return self.original.views(count, rng)
+
+    def truth(self, views: Sequence[View]) -> NDArray[np.uint8]:
+        """Return the true images of the original."""
+        return self.original.truth(views)
