@@ -130,7 +130,7 @@ MEASUREMENTS: Mapping[str, QuotedRun] = {
     ),
     "coloured-clouds": QuotedRun(
         f"{_REAL} --limit 1 --truth coloured-clouds --conditions 2048,32768 --views 4 --methods "
-        f"surface-fit,poisson,splat,{_CLASSICAL},occupancy-net,{GREY},fused-net,blank",
+        f"surface-fit,alpha-wrap,splat,splat-fill,occupancy-net,{GREY},fused-net,blank",
         metrics=FIRST,
     ),
     "headline": QuotedRun(

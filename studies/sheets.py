@@ -6,8 +6,6 @@ from collections.abc import Iterator, Sequence
 from pathlib import Path
 from typing import TYPE_CHECKING
 
-import numpy as np
-
 from bench import draw_cloud
 from bench.catalogue.chosen import BEST_CLASSICAL, CHOSEN
 from bench.catalogue.conditions import CONDITIONS
@@ -20,12 +18,12 @@ from bench.report.sheets import image_sheet
 from bench.running.work import load_renderer
 from bench.suites.latent.chairs import choose_pairs, specified_chairs
 from bench.suites.latent.codes import load_network, strips_figure, walk
-from data_prep.clouds.sampling import sample_faces
+from data_prep.clouds.sampling import sample_surface
 from data_prep.datasets.objects import GreyObject, SceneObject
 from data_prep.datasets.registry import ProceduralObject, open_dataset
 from data_prep.randomness import generator
 from data_prep.rendering.dots import draw_dots
-from data_prep.scene import CLOUD_SIZE, PointCloud, View
+from data_prep.scene import CLOUD_SIZE, View
 from studies.images import draw_all
 
 if TYPE_CHECKING:
@@ -82,10 +80,7 @@ def draw_coloured(class_name: str, number: int, methods: Sequence[str], width_in
     width_in  width of the sheet, in inches
     """
     shape = ProceduralObject(class_name, "validation", number)
-    mesh = shape.load()
-    corners = mesh.vertices.astype(float)[mesh.faces]
-    points, face, _ = sample_faces(corners, generator("sheet", shape.object_id), CLOUD_SIZE)
-    cloud = PointCloud(points.astype(np.float32), colors=mesh.face_colors[face])
+    cloud = sample_surface(shape.load(), generator("sheet", shape.object_id), coloured=True)
     images: list[Image | str] = [shape.truth([VIEW])[0], draw_dots(cloud.points, [VIEW])[0]]
     for method in methods:
         drawn = draw_in_process(cloud, Drawing(method, (VIEW,), device="cpu"))

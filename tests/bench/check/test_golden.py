@@ -12,6 +12,7 @@ from bench.catalogue.lookup import find
 from bench.catalogue.methods import FLOORS
 from bench.catalogue.suites import SUITES, with_truth
 from bench.check.golden import check, golden_lines
+from bench.check.golden_values import GOLDEN as GOLDEN_FOLDER
 from bench.check.golden_values import golden, golden_name
 from bench.check.tolerances import JUDGED, OF_CLASSES, RECONSTRUCTION, RENDERING, tolerance
 from bench.records.folder import read_manifest, write_manifest
@@ -173,6 +174,19 @@ def test_the_golden_values_of_the_classes():
     assert true.loc[true["metric"] == "class-confidence", "value"].between(0.7, 1).all()
     has_the_tolerances_of_its_rules(frame)
     assert set(frame.loc[frame["value"] < 0, "metric"]) == {"kd-views", "kd-alexnet"}
+
+
+@pytest.mark.slow
+def test_denser_scanned_and_coloured_clouds_have_their_golden_values(command, tmp_path):
+    """The commands of CONTRIBUTING.md, in a folder elsewhere."""
+    options = "--suite beyond-training --truth coloured-clouds --limit 2 --views 4"
+    options += " --conditions 2048,8192,32768,three-views,one-side"
+    options += " --methods alpha-wrap,splat-fill,splat-net@grey,blank"
+    assert command("run", *options.split(), "--out", tmp_path / "clouds")[0] == 0
+    status, out, _ = command(
+        "check", tmp_path / "clouds", "--golden", GOLDEN_FOLDER / "clouds.json"
+    )
+    assert (status, "0 regressions" in out) == (0, True), out
 
 
 def test_every_default_metric_has_a_tolerance():
