@@ -31,6 +31,8 @@ from studies.documents import NUMBERS
 from studies.sheets import (
     ANSWER,
     COLOURED,
+    FURTHER,
+    OF_FURTHER,
     REAL,
     SCANNED,
     draw_coloured,
@@ -175,6 +177,9 @@ _OF_MESHES: Mapping[str, Callable[[Path], Figure]] = {
     "answer": lambda meshes: draw_objects(meshes, ("bench", "chair"), ANSWER, _WIDTH_IN),
     "real-objects": lambda meshes: draw_objects(
         meshes, ("airplane", "cabinet", "chair", "lamp", "table"), REAL, _WIDTH_IN
+    ),
+    "dense-and-scanned": lambda meshes: draw_objects(
+        meshes, ("chair",), OF_FURTHER, _WIDTH_IN, FURTHER
     ),
     "scans": lambda meshes: draw_scans(meshes, SCANNED, _WIDTH_IN),
 }

@@ -124,7 +124,7 @@ MEASUREMENTS: Mapping[str, QuotedRun] = {
     ),
     "dense-and-scanned": QuotedRun(
         f"{_REAL} --limit 1 --truth grey --conditions 2048,8192,32768,three-views,one-side "
-        f"--views 4 --methods surface-fit,poisson,splat,{_CLASSICAL},pc2pix@all,occupancy-net,"
+        f"--views 4 --methods surface-fit,splat,{_CLASSICAL},pc2pix@all,occupancy-net,"
         f"{GREY},blank",
         metrics=FIRST,
     ),

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterator, Sequence
+from collections.abc import Iterator, Mapping, Sequence
 from pathlib import Path
 from typing import TYPE_CHECKING
 
@@ -32,28 +32,40 @@ if TYPE_CHECKING:
 SMALL = 6.5  # size of the text, in points
 VIEW = View(azimuth_deg=30, elevation_deg=20)  # of all images of real meshes
 METRIC = "lpips"  # the metric by which `best-classical` is the best method
-_CONDITION_TITLES = {"2048": "clean", "noise-0.10": "noise 10 %"}  # of the rows of an object
+CLEAN_AND_NOISY = {"2048": "clean", "noise-0.10": "noise 10 %"}  # of the rows of an object
 # The methods of each sheet, in the order of its columns.
 _NETWORKS = ("fused-net@grey", "splat-net@grey")
 ANSWER = (*_NETWORKS, BEST_CLASSICAL, "pc2pix")
 REAL = (*_NETWORKS, "occupancy-net", BEST_CLASSICAL)
 COLOURED = ("splat", "splat-fill", "alpha-wrap", "fused-net@grey")
+FURTHER = {
+    "2048": "2,048",
+    "32768": "32,768",
+    "three-views": "from 3 sides",
+    "one-side": "from one side",
+}
+OF_FURTHER = ("splat", "alpha-wrap", "occupancy-net", "splat-net@grey", "fused-net@grey")
 SCANNED = ("splat", "alpha-wrap", "surface-apss", "occupancy-net", "fused-net@grey", "pc2pix@all")
 
 
 def draw_objects(
-    meshes: Path, classes: Sequence[str], methods: Sequence[str], width_in: float
+    meshes: Path,
+    classes: Sequence[str],
+    methods: Sequence[str],
+    width_in: float,
+    conditions: Mapping[str, str] = CLEAN_AND_NOISY,
 ) -> Figure:
-    """Return a sheet of the first real mesh of each class, clean and under noise, by each method.
+    """Return a sheet of the first real mesh of each class at each condition, by each method.
 
-    meshes    the folder of real meshes
-    width_in  width of the sheet, in inches
+    meshes      the folder of real meshes
+    width_in    width of the sheet, in inches
+    conditions  the conditions and their titles
     """
     real = open_dataset(f"folder:{meshes}")
     rows = []
     for name in classes:
         shape = GreyObject(real.objects(name, 1, 1)[0])
-        for condition, title in _CONDITION_TITLES.items():
+        for condition, title in conditions.items():
             rows.append((f"{name}\n{title}", _row(shape, condition, methods)))
     titles = ["truth", "cloud", *methods]
     return image_sheet(titles, rows, width_in=width_in, fontsize=SMALL, interpolation="antialiased")
