@@ -3,9 +3,9 @@
     python -m studies.figures [NAME ...] [--meshes PATH] [-o docs]
 
 Figures are drawn as those of a run; better is up or to the right. Sheets show what methods draw of
-objects. The sheets `answer`, `real-objects` and `scans` need the folder of real meshes PATH
-(docs/datasets.md has its checksum), and are left out without it. All images are 800 pixels wide,
-and can be read at half of that.
+objects. The sheets `answer`, `real-objects`, `dense-and-scanned` and `scans` need the folder of
+real meshes PATH (docs/datasets.md has its checksum), and are left out without it. All images are
+800 pixels wide, and can be read at half of that.
 """
 
 from __future__ import annotations

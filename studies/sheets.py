@@ -41,8 +41,8 @@ COLOURED = ("splat", "splat-fill", "alpha-wrap", "fused-net@grey")
 FURTHER = {
     "2048": "2,048",
     "32768": "32,768",
-    "three-views": "from 3 sides",
-    "one-side": "from one side",
+    "three-views": "3 sides",
+    "one-side": "one side",
 }
 OF_FURTHER = ("splat", "alpha-wrap", "occupancy-net", "splat-net@grey", "fused-net@grey")
 SCANNED = ("splat", "alpha-wrap", "surface-apss", "occupancy-net", "fused-net@grey", "pc2pix@all")

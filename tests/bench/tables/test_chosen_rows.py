@@ -72,12 +72,16 @@ def test_the_strongest_differ_by_metric():
 
 
 def test_every_ranking_is_of_what_there_is():
-    """Each condition of a suite has a ranking of the same methods, none of them twice."""
+    """Each condition of a suite has a ranking of the same methods, none of them twice.
+
+    Of larger clouds and scans none has been measured: tables have no chosen row there.
+    """
+    unranked = {"8192", "32768", "three-views", "one-side"}
     for row in CHOSEN.values():
         group = set(row.ranking[OTHER_METRICS, "2048"])
         metrics = {metric for metric, _ in row.ranking}
         for suite in SUITES:
-            for cell in product(metrics, suite.conditions):
+            for cell in product(metrics, (c for c in suite.conditions if c not in unranked)):
                 assert sorted(row.ranking[cell]) == sorted(group)
 
 
