@@ -76,7 +76,7 @@ def is_painted(method: Method, cloud: PointCloud) -> bool:
 
 
 def coverage_of(
-    keeper: Keeper, method: Method, images: UInt8Images, views: Sequence[View], batch: int
+    keeper: Keeper, method: Method, images: UInt8Images, views: Sequence[AnyView], batch: int
 ) -> tuple[NDArray[np.float32], tuple[str, ...]]:
     """Return how much of each pixel the surface covers, and a note where that is a guess.
 
