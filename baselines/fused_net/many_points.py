@@ -1,31 +1,28 @@
 """What fused-net sees of a cloud with more points than it was trained for.
 
 The network knows clouds of at most 2,048 points, and its mesh is made of as many. Of many more it
-is shown a random subset. What the other points tell reaches it in one of two ways:
+is shown a random subset. What the other points tell reaches it in these ways:
 
-Clean  The mesh that it sees is an alpha wrap of all points, up to 32,768, or of 8,192 where that
-       of more is rough.
-Noisy  The subset is moved to where the whole cloud tells that the surface is
-       (`baselines.reconstruction.dense`), and the mesh is made of the moved points.
-
-Where a cloud is neither, since both wraps are rough though its noise is small against the distance
-of neighbours, the mesh is made of the subset as it is.
+Noise   Where the points are noisy, the subset is moved to where the whole cloud tells that the
+        surface is (`baselines.reconstruction.dense`).
+Mesh    Where the noise is not strong, the mesh that the network sees is that of upsampled-wrap, of
+        8,192 points as they are. Else it is made of the subset, as of a cloud of few points.
 
 Chosen on seven objects of procedural:validation. LPIPS at 128 pixels of 32,768 points, where the
 network is shown all of them, and where it is shown this: clean .032 and .024, with noise of 0.01
-.051 and .036, of 0.05 .128 and .074, of 0.1 .232 and .150.
+.051 and .036, of 0.05 .128 and .074, of 0.1 .232 and .150; this was with the mesh of alpha-wrap for
+clean points, which that of upsampled-wrap betters at larger sizes.
 """
 
 from __future__ import annotations
 
 from typing import NamedTuple
 
-from baselines.reconstruction.alpha_wrap import MOST_WRAPPED, AlphaWrap, is_smooth
+from baselines.reconstruction.alpha_wrap import MOST_WRAPPED
 from baselines.reconstruction.dense import noise_to_remove, smoothed_subset
 from baselines.reconstruction.stages import used_points
 from data_prep.clouds.sampling import at_most
-from data_prep.failures import StageFailure
-from data_prep.scene import Mesh, PointCloud
+from data_prep.scene import PointCloud, Points
 
 # Number of different points up to which the network is shown all of them. Of 4,096 points with
 # noise of 0.05 LPIPS is .096 then; with what is done for more points it would be .109.
@@ -33,7 +30,7 @@ FEW = 4096
 _SHOWN = 8192  # points of a larger cloud that are shown, or moved
 # From this noise on (standard deviation) fewer of the moved points are shown: what is left of their
 # noise is then small against the distance of neighbours.
-_STRONG = 0.02
+STRONG = 0.02
 _SHOWN_OF_STRONG = 2048
 # From this noise on the points are shown as they are: the network, which was trained with noise of
 # 0.1, knows better than a fit.
@@ -43,13 +40,16 @@ _STRONGEST = 0.08
 class Shown(NamedTuple):
     """What is shown to the network of a cloud.
 
-    cloud  the points
-    mesh   of all points of a clean cloud; None where it has to be made of `cloud`
-    notes  what was done to the cloud, for the user
+    cloud   the points
+    source  all points of a cloud with many, of which the mesh is made; None where it is made of
+            `cloud`
+    noise   the standard deviation of their noise; 0 where it is small
+    notes   what was done to the cloud, for the user
     """
 
     cloud: PointCloud
-    mesh: Mesh | None = None
+    source: Points | None = None
+    noise: float = 0.0
     notes: tuple[str, ...] = ()
 
 
@@ -68,22 +68,12 @@ def shown_to_network(cloud: PointCloud) -> Shown:
     if len(points) <= FEW:
         return Shown(cloud)
     noise = noise_to_remove(points, MOST_WRAPPED)
-    if noise > _STRONGEST:
-        few, notes = at_most(_SHOWN_OF_STRONG, points)
-        return Shown(PointCloud(few), notes=(f"noise: {noise:.3f}", *left_out, *notes))
-    if noise > 0:
+    source = points if noise < STRONG else None
+    if noise == 0 or noise > _STRONGEST:
+        few, used = at_most(_SHOWN_OF_STRONG if noise else _SHOWN, points)
+    else:
         moved = smoothed_subset(points, noise, _SHOWN)
-        few, _ = at_most(_SHOWN_OF_STRONG if noise > _STRONG else _SHOWN, moved)
-        note = f"input: {len(few)} points used, smoothed by all {len(points)}"
-        return Shown(PointCloud(few), notes=(f"noise: {noise:.3f}", *left_out, note))
-    few, notes = at_most(_SHOWN, points)
-    for most in (MOST_WRAPPED, _SHOWN):
-        used, of_wrap = at_most(most, points)
-        try:
-            mesh = AlphaWrap().prepare(PointCloud(used)).mesh
-        except StageFailure:
-            break
-        if is_smooth(mesh):
-            named = (f"alpha-wrap: {note}" for note in of_wrap)
-            return Shown(PointCloud(few), mesh, (*left_out, *notes, *named))
-    return Shown(PointCloud(few), notes=(*left_out, *notes))
+        few, _ = at_most(_SHOWN if noise < STRONG else _SHOWN_OF_STRONG, moved)
+        used = (f"input: {len(few)} points used, smoothed by all {len(points)}",)
+    of_noise = (f"noise: {noise:.3f}",) if noise else ()
+    return Shown(PointCloud(few), source, noise, (*of_noise, *left_out, *used))

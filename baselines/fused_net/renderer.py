@@ -9,6 +9,7 @@ from __future__ import annotations
 
 from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import dataclass
+from functools import cached_property
 from typing import Protocol
 
 import numpy as np
@@ -26,12 +27,15 @@ from baselines.splat_net.engine import FoldedSplatNet, Precision
 from baselines.splat_net.projection import Projection, cameras, lenses
 from baselines.splat_net.renderer import Projector, SplatNetRenderer, views_at_once
 from baselines.splat_net.surfels import Surfels
+from baselines.upsampler.renderer import UpsampledWrapRenderer
+from baselines.upsampler.weights import load_weights as upsampler_weights
 from data_prep.failures import StageFailure
 from data_prep.rendering.raycast import surface_maps
 from data_prep.scene import IMAGE_SIZE, AnyView, Images, Mesh, PointCloud
 from learning.weights import NetworkWeights
 
 OCCUPANCY = "all"  # name of the bundled weights of occupancy-net that make its mesh
+UPSAMPLER = "all"  # name of those of upsampled-wrap, for clouds of many points
 # Number of different points from which on one mesh is enough, that of occupancy-net. On validation
 # objects with so many points, noisy or not, leaving out the mesh of denoised-wrap changes LPIPS by
 # .001 or less; leaving out that of occupancy-net raises it by .008 to .036.
@@ -45,7 +49,7 @@ class _FusedState:
 
     surfels  the points with their normals
     meshes   in the order of the network's inputs; those that were not made have no faces
-    exact    whether the last mesh is of all points of a clean cloud with many
+    exact    whether the last mesh is that of a clean cloud with many points
     notes    what was done to the points, and what went wrong, for the user
     """
 
@@ -82,24 +86,36 @@ class FusedNetRenderer:
 
         Where a method fails to make its mesh, the network draws without it, and a note says so. A
         cloud of ENOUGH different points has only the mesh of occupancy-net, or that of
-        denoised-wrap where occupancy-net fails; a clean cloud with more points than the network
-        knows has their alpha wrap in its place.
+        denoised-wrap where occupancy-net fails; a cloud with more points than the network knows has
+        that of upsampled-wrap in its place, unless it is very noisy.
 
         Raises StageFailure at the stage "input", for an empty or non-finite cloud.
         """
         del rng
         shown = shown_to_network(cloud)
         surfels = self.splats.prepare(shown.cloud)
-        if shown.mesh is None:
-            meshes, notes = reconstruct(shown.cloud, self.methods)
-        else:
-            meshes, notes = (*[NOTHING] * (len(self.methods) - 1), shown.mesh), ()
+        meshes: tuple[Mesh, ...] = ()
+        notes: tuple[str, ...] = ()
+        if shown.source is not None:
+            try:
+                result = self._upsampled.prepare(PointCloud(shown.source))
+            except StageFailure as failure:
+                notes = (f"upsampled-wrap: no mesh, {failure}",)
+            else:
+                meshes = (*[NOTHING] * (len(self.methods) - 1), result.mesh)
+                notes = tuple(f"upsampled-wrap: {note}" for note in result.notes)
+        exact = bool(meshes) and shown.noise == 0
+        if not meshes:
+            meshes, further = reconstruct(shown.cloud, self.methods)
+            notes += further
         return _FusedState(
-            surfels=surfels,
-            meshes=meshes,
-            exact=shown.mesh is not None,
-            notes=(*shown.notes, *notes),
+            surfels=surfels, meshes=meshes, exact=exact, notes=(*shown.notes, *notes)
         )
+
+    @cached_property
+    def _upsampled(self) -> UpsampledWrapRenderer:
+        # Read for the first cloud with many points: most clouds have few.
+        return UpsampledWrapRenderer(upsampler_weights(UPSAMPLER), device=str(self.splats.device))
 
     def draw(
         self,

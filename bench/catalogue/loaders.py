@@ -41,15 +41,15 @@ class _NetworkPackage:
     libraries  the installed packages whose versions its images depend on
     version    increase this number by hand with a change of the code that changes its images
     command    the command that trains the network
-    beside     another such package, whose meshes are an input of this network; None without one.
-               Their weights are those called "all", which were trained on all classes
+    beside     other such packages, whose meshes are an input of this network. Their weights are
+               those called "all", which were trained on all classes
     """
 
     package: str
     libraries: tuple[str, ...]
     version: int
     command: str
-    beside: _NetworkPackage | None = None
+    beside: tuple[_NetworkPackage, ...] = ()
 
     def load(self, weights: str, device: str) -> Renderer:
         """Return the renderer with weights, given by a bundled name or as the path of a file."""
@@ -85,8 +85,7 @@ class _NetworkPackage:
 
     def _identity(self, sha256: str) -> str:
         text = f"{versions(*self.libraries)}, weights {sha256}"
-        other = self.beside
-        if other is not None:
+        for other in self.beside:
             name = other.package.rpartition(".")[2].replace("_", "-")
             text += f"; {name} {other.version}: {other.identity('all')}"
         return text
@@ -118,9 +117,9 @@ UPSAMPLER = _NetworkPackage(
 FUSED_NET = _NetworkPackage(
     package="baselines.fused_net",
     libraries=("embreex", "pymeshlab", "scikit-image", "scipy", "torch"),
-    version=6,
+    version=7,
     command="bench train fused-net",
-    beside=OCCUPANCY_NET,
+    beside=(OCCUPANCY_NET, UPSAMPLER),
 )
 
 

@@ -31,28 +31,29 @@ def test_a_cloud_of_few_different_points_is_shown_as_it_is():
     assert shown_to_network(few).cloud is few
     twice = PointCloud(np.repeat(few.points, 2, axis=0))
     shown = shown_to_network(twice)
-    assert (shown.cloud, shown.mesh, shown.notes) == (twice, None, ())
+    assert (shown.cloud, shown.source, shown.noise, shown.notes) == (twice, None, 0, ())
 
 
-def test_of_a_clean_cloud_a_subset_is_shown_with_the_wrap_of_all():
+def test_of_a_clean_cloud_a_subset_is_shown_and_all_points_make_the_mesh():
     cloud = sphere(10_000)
     shown = shown_to_network(cloud)
     assert len(shown.cloud) == 8192
     assert rows(shown.cloud.points) < rows(cloud.points)
-    wrap = AlphaWrap().prepare(cloud)
-    np.testing.assert_array_equal(shown.mesh.vertices, wrap.mesh.vertices)
-    assert shown.notes == ("input: 8192 of 10000 points used",)
+    assert rows(shown.source) == rows(cloud.points)
+    assert (shown.noise, shown.notes) == (0, ("input: 8192 of 10000 points used",))
     turned = shown_to_network(PointCloud(cloud.points[::-1]))
     np.testing.assert_array_equal(turned.cloud.points, shown.cloud.points)
-    np.testing.assert_array_equal(turned.mesh.vertices, shown.mesh.vertices)
+    np.testing.assert_array_equal(turned.source, shown.source)
 
 
-@pytest.mark.parametrize(("noise", "count"), [(0.015, 7946), (0.04, 2048)])
-def test_of_a_noisy_cloud_points_are_shown_with_less_noise(noise, count):
+@pytest.mark.parametrize(
+    ("noise", "count", "mesh_of_all"), [(0.015, 7946, True), (0.04, 2048, False)]
+)
+def test_of_a_noisy_cloud_points_are_shown_with_less_noise(noise, count, mesh_of_all):
     shown = shown_to_network(sphere(40_000, noise))
     assert len(shown.cloud) == pytest.approx(count, rel=0.03)
     assert off(shown.cloud.points) < 0.8 * noise
-    assert shown.mesh is None
+    assert (shown.source is not None) == mesh_of_all
     kind, used = shown.notes
     assert float(kind.removeprefix("noise: ")) == pytest.approx(noise, rel=0.3)
     assert used == f"input: {len(shown.cloud)} points used, smoothed by all 40000"

@@ -63,7 +63,9 @@ def test_every_method_says_its_kind_and_its_colours():
 
 def test_the_size_drawn_is_the_next_larger_or_the_largest():
     fused, mesh = find_method("fused-net@grey"), find_method("poisson")
-    assert [fused.drawn_at(size) for size in (16, 128, 129, 256, 2048)] == [128, 128, 256, 256, 256]
+    two = replace(fused, sizes=(128, 256))
+    assert [two.drawn_at(size) for size in (16, 128, 129, 256, 2048)] == [128, 128, 256, 256, 256]
+    assert [fused.drawn_at(size) for size in (16, 128, 129, 2048)] == [128, 128, 129, 2048]
     assert [mesh.drawn_at(size) for size in (16, 1000)] == [16, 1000]
 
 

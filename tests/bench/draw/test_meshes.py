@@ -151,8 +151,6 @@ def test_a_folder_of_meshes_and_clouds(command, tmp_path) -> None:
         f"bench: {folder}/c.obj: the mesh has no faces; save its points as PLY or XYZ, and give "
         "that file",
         f"bench: {folder}/d.off: no face has an area; a shape needs a surface",
-        "note: fused-net@grey draws 256 x 256 pixels; resampled to 300 x 300 (Lanczos), which adds "
-        "no detail; surfaces and discs are drawn at any size",
         "drawn by true-mesh, fused-net@grey; --budget 50ms is faster, 'bench list' has others",
     ):
         assert line in lines

@@ -7,7 +7,7 @@ import pytest
 
 from data_prep.randomness import generator
 
-MOST = 8192  # points that alpha-wrap and splat-fill use
+MOST = 8192  # points that splat-net and splat-fill use
 
 
 @pytest.fixture
@@ -32,8 +32,8 @@ CASES = {  # what is drawn, by which methods, into which name, and the notes on 
     "of few points": ("few.npy", "splat-fill", "a.png", []),
     "turntable": ("many.npy", "splat-fill", "a.gif", [f"/many.npy: splat-fill: {USED}"]),
     "sheet": (
-        *("many.npy", "alpha-wrap,splat,splat-fill", "a.png"),
-        [f"/many.npy: alpha-wrap: {USED}", f"/many.npy: splat-fill: {USED}"],
+        *("many.npy", "splat-net@grey,splat,splat-fill", "a.png"),
+        [f"/many.npy: splat-net@grey: {USED}", f"/many.npy: splat-fill: {USED}"],
     ),
     "folder": ("", "splat-fill", "images", [f"/many.npy and 1 more: splat-fill: {USED}"]),
 }

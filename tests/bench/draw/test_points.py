@@ -205,10 +205,12 @@ def test_far_points_and_steps_are_named_and_far_points_left_out_if_asked_for(poi
 
 MANY = generator("many").normal(size=(9000, 3))  # a ball of fog: noise, and smoothed
 NOTES = {  # what a method does to these points, and to a hundred of them
-    ("alpha-wrap", 9000): ["alpha-wrap: input: 8192 of 9000 points used"],
+    ("splat-fill", 9000): ["splat-fill: input: 8192 of 9000 points used"],
     ("fused-net@grey", 9000): [
-        "fused-net@grey: occupancy-net: input: 2048 of 9000 points used",
+        "fused-net@grey: input: 8192 of 9000 points used",
+        "fused-net@grey: upsampled-wrap: input: 8192 of 9000 points used",
     ],
+    ("alpha-wrap", 9000): [],
     ("splat", 9000): [],
     ("alpha-wrap", 100): [],
 }
