@@ -97,7 +97,7 @@ PC2PIX = _NetworkPackage(
 SPLAT_NET = _NetworkPackage(
     package="baselines.splat_net",
     libraries=("torch", "scipy"),
-    version=2,
+    version=3,
     command="bench train splat-net",
 )
 OCCUPANCY_NET = _NetworkPackage(
