@@ -132,7 +132,7 @@ class FusedNetRenderer:
         """
         del rng
         size = size or self.splats.size
-        if size > self.splats.size:
+        if size > self.splats.size or self._draws_mesh(state):
             images = np.empty((len(views), size, size, 3), np.float32)
             for image, (planes, albedo) in zip(
                 images, self._enlarged(state, views, size), strict=True
@@ -148,7 +148,7 @@ class FusedNetRenderer:
     ) -> NDArray[np.float32]:
         """Return the share of each pixel that is covered, float32 [V, size, size] in 0..1."""
         size = size or self.splats.size
-        if size > self.splats.size:
+        if size > self.splats.size or self._draws_mesh(state):
             shares = np.empty((len(views), size, size), np.float32)
             for share, (planes, _) in zip(shares, self._enlarged(state, views, size), strict=True):
                 share[...] = self._engine.coverage_of(planes)[0, ..., 0].cpu().numpy()
@@ -163,10 +163,14 @@ class FusedNetRenderer:
         assert isinstance(engine, FoldedSplatNet)  # points2pix sees no meshes
         return engine
 
+    def _draws_mesh(self, state: _FusedState) -> bool:
+        """Return whether the mesh is drawn alone, to which a network may add an albedo."""
+        return state.exact and self._engine.network.config.heads[0] == "grey"
+
     def _enlarged(
         self, state: _FusedState, views: Sequence[AnyView], size: int
     ) -> Iterator[tuple[Tensor, Tensor | None]]:
-        """Yield for each view what `FoldedSplatNet.planes` returns, at a larger size than its own.
+        """Yield for each view what `FoldedSplatNet.planes` returns, with the detail of the mesh.
 
         Raises StageFailure("draw", ...) where the network gives NaN or infinity.
         """
@@ -181,10 +185,8 @@ class FusedNetRenderer:
                     raise StageFailure("draw", "the network gives an image that is not finite")
                 maps = torch.from_numpy(surface_maps(mesh, [view], size)).to(planes.device)
                 of_mesh = planes_of_mesh(maps)
-                if state.exact and planes.shape[1] == of_mesh.shape[1]:
-                    planes = of_mesh
-                else:
-                    planes = with_detail(planes, of_mesh)
+                alone = self._draws_mesh(state)
+                planes = of_mesh if alone else with_detail(planes, of_mesh)
                 yield planes, None if albedo is None else up(albedo, size).clamp(0, 1)
 
 

@@ -117,7 +117,7 @@ UPSAMPLER = _NetworkPackage(
 FUSED_NET = _NetworkPackage(
     package="baselines.fused_net",
     libraries=("embreex", "pymeshlab", "scikit-image", "scipy", "torch"),
-    version=7,
+    version=8,
     command="bench train fused-net",
     beside=(OCCUPANCY_NET, UPSAMPLER),
 )

@@ -11,9 +11,11 @@ from baselines.splat_net.network import SplatNet
 from baselines.splat_net.projection import Projection, cameras
 from baselines.splat_net.renderer import SplatNetRenderer
 from baselines.splat_net.surfels import find_surfels, stack
+from data_prep.clouds.sampling import sample_surface
 from data_prep.datasets.registry import ProceduralObject
+from data_prep.rendering.mesh import draw_mesh
 from data_prep.rendering.raycast import surface_maps
-from data_prep.scene import PointCloud, View
+from data_prep.scene import NEUTRAL_GREY, PointCloud, View, in_one_colour
 from learning.weights import NetworkWeights
 
 from .conftest import Failing, Truth, fused, network
@@ -116,3 +118,22 @@ def test_channels_of_points_are_those_without_meshes(cloud):
     ):
         with pytest.raises(ValueError, match=problem):
             Projection(surfels, cameras(VIEWS), of, maps=given)
+
+
+def test_a_clean_cloud_of_many_points_is_drawn_as_its_mesh():
+    mesh = ProceduralObject("chair", "validation", 0).load()
+    many = sample_surface(mesh, np.random.default_rng(0), 5000)
+    renderer = fused(network(MESHES[:1]), {MESHES[0]: Truth()})
+    renderer._upsampled = Truth()  # in place of upsampled-wrap, which would take seconds
+    state = renderer.prepare(many)
+    grey = in_one_colour(mesh, NEUTRAL_GREY)
+    for size in (128, 200):
+        true = draw_mesh(grey, VIEWS, size) / 255
+        # A pixel has the mean normal of its samples in place of their mean shade.
+        assert np.abs(renderer.draw(state, VIEWS, size=size) - true).mean() < 0.004
+        covered = renderer.coverage(state, VIEWS, size)
+        np.testing.assert_array_equal(covered, surface_maps(grey, VIEWS, size)[:, 0])
+    few = renderer.prepare(sample_surface(mesh, np.random.default_rng(0), 500))
+    larger = renderer.draw(few, VIEWS, size=200)
+    assert larger.shape == (len(VIEWS), 200, 200, 3)
+    assert np.abs(larger - draw_mesh(grey, VIEWS, 200) / 255).mean() > 0.01
