@@ -33,11 +33,8 @@ from collections.abc import Iterable, Mapping
 from dataclasses import dataclass, replace
 from pathlib import Path
 
-import numpy as np
-
 from bench.catalogue.lookup import family_of
 from data_prep.failures import BadInput
-from data_prep.scene import CLOUD_SIZE
 
 BEST_CLASSICAL = "best-classical"
 BEST_LEARNED_3D = "best-learned-3d"
@@ -53,6 +50,7 @@ COSTS = RANKINGS.with_name("costs.csv")  # the file of costs and scores that the
 # The file of costs at several numbers of points, written by `python -m studies.costs_by_points`.
 COSTS_BY_POINTS = RANKINGS.with_name("costs-by-points.csv")
 MOST_MEASURED = 262_144  # the most points in that file; costs of more are extrapolated
+FEWEST_MEASURED = 2048  # the fewest points in that file, those of a cloud of the benchmark
 MEASURED_ON = "an AMD EPYC"  # the processor of these costs: family 25, model 17; on 2026-11-27
 _UNITS_MS = {"ms": 1.0, "s": 1000.0}  # milliseconds in each unit that a budget may have
 _LEARNED_3D = ("occupancy-net",)  # the methods whose networks learned shapes in 3D, the best first
@@ -188,6 +186,8 @@ def times_dearer(times: Mapping[int, float], points: int) -> float:
 
     times  milliseconds by the number of points, at least two
     """
+    import numpy as np  # `bench list` answers at once
+
     counts, logs = np.log(sorted(times)), np.log([times[count] for count in sorted(times)])
     wanted = math.log(max(points, 1))
     log = float(np.interp(wanted, counts, logs))
@@ -196,7 +196,7 @@ def times_dearer(times: Mapping[int, float], points: int) -> float:
     return math.exp(log - logs[0])
 
 
-def best_within(budget_ms: float, points: int = CLOUD_SIZE) -> MeasuredMethod:
+def best_within(budget_ms: float, points: int = FEWEST_MEASURED) -> MeasuredMethod:
     """Return the method with the best score that draws one view of a new cloud within a budget.
 
     Its cost is that at this number of points. Above 2,048 points the choice is among the methods
@@ -211,7 +211,7 @@ def best_within(budget_ms: float, points: int = CLOUD_SIZE) -> MeasuredMethod:
         if method.score is None:
             continue
         times = by_points.get(method.method, {})
-        if points <= CLOUD_SIZE:
+        if points <= FEWEST_MEASURED:
             scores[method] = method.score
         elif len(times) > 1:
             cost_ms = method.one_view_ms * times_dearer(times, points)
@@ -230,7 +230,7 @@ def best_within(budget_ms: float, points: int = CLOUD_SIZE) -> MeasuredMethod:
 
 def of_points(points: int) -> str:
     """Return " of N points" where a cost is that of more than 2,048 points, else nothing."""
-    return f" of {points:,} points" if points > CLOUD_SIZE else ""
+    return f" of {points:,} points" if points > FEWEST_MEASURED else ""
 
 
 def budget_ms_of(text: str) -> float:
