@@ -1,4 +1,4 @@
-"""What an image costs by the number of points: writes `results/costs-by-points.csv`.
+"""The cost of an image by the number of points: writes `results/costs-by-points.csv`.
 
 `python -m studies.costs_by_points` measures each method with a score, in a process of its own with
 one thread: the processor time of preparing a new cloud and drawing one view of it. The clouds are

@@ -20,22 +20,10 @@ import torch
 from torch import Tensor
 from torch.nn.functional import avg_pool2d, interpolate
 
-from baselines.splat_net.network import NEUTRAL
-from data_prep.rendering.raycast import GAMMA, MAPS
+from baselines.splat_net.sharpening import NEARLY_NOTHING
 
 # Difference between drawing and mesh, in brightness 0..1, at which the agreement is 1/e.
 _AGREEMENT = 40 / 255
-_NEARLY_NOTHING = 1e-6  # smallest alpha that is divided by; below, what covers a pixel is not seen
-
-
-def planes_of_mesh(maps: Tensor) -> Tensor:
-    """Return alpha, and 1 less the grey of what covers a pixel, [P, 2, S, S] in 0..1, of a mesh.
-
-    maps  [P, 5, S, S], of `data_prep.rendering.raycast.surface_maps`
-    """
-    # The last map is how far a normal faces the camera, which gives the shading.
-    darkness = 1 - NEUTRAL * maps[:, -1].pow(1 / GAMMA)
-    return torch.stack([maps[:, MAPS.index("coverage")], darkness], dim=1)
 
 
 def with_detail(drawn: Tensor, mesh: Tensor) -> Tensor:
@@ -53,7 +41,7 @@ def with_detail(drawn: Tensor, mesh: Tensor) -> Tensor:
     agreement = avg_pool2d((-(differences / _AGREEMENT).square()).exp(), 3, 1, 1, False, False)
     detail = up(agreement, size).clamp(0, 1) * (fine - up(coarse, size))
     alpha, dark = (up(seen, size) + detail).clamp(0, 1).split([1, channels], dim=1)
-    return torch.cat([alpha, (dark / alpha.clamp(min=_NEARLY_NOTHING)).clamp(max=1)], dim=1)
+    return torch.cat([alpha, (dark / alpha.clamp(min=NEARLY_NOTHING)).clamp(max=1)], dim=1)
 
 
 def up(planes: Tensor, size: int) -> Tensor:

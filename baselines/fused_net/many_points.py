@@ -1,4 +1,4 @@
-"""What fused-net sees of a cloud with more points than it was trained for.
+"""The part that fused-net sees of a cloud with more points than it was trained for.
 
 The network knows clouds of at most 2,048 points, and its mesh is made of as many. Of many more it
 is shown a random subset. What the other points tell reaches it in these ways:
@@ -30,7 +30,7 @@ FEW = 4096
 _SHOWN = 8192  # points of a larger cloud that are shown, or moved
 # From this noise on (standard deviation) fewer of the moved points are shown: what is left of their
 # noise is then small against the distance of neighbours.
-STRONG = 0.02
+_STRONG = 0.02
 _SHOWN_OF_STRONG = 2048
 # From this noise on the points are shown as they are: the network, which was trained with noise of
 # 0.1, knows better than a fit.
@@ -38,7 +38,7 @@ _STRONGEST = 0.08
 
 
 class Shown(NamedTuple):
-    """What is shown to the network of a cloud.
+    """The part of a cloud that is shown to the network, with how it was chosen.
 
     cloud   the points
     source  all points of a cloud with many, of which the mesh is made; None where it is made of
@@ -68,12 +68,12 @@ def shown_to_network(cloud: PointCloud) -> Shown:
     if len(points) <= FEW:
         return Shown(cloud)
     noise = noise_to_remove(points, MOST_WRAPPED)
-    source = points if noise < STRONG else None
+    source = points if noise < _STRONG else None
     if noise == 0 or noise > _STRONGEST:
         few, used = at_most(_SHOWN_OF_STRONG if noise else _SHOWN, points)
     else:
         moved = smoothed_subset(points, noise, _SHOWN)
-        few, _ = at_most(_SHOWN if noise < STRONG else _SHOWN_OF_STRONG, moved)
+        few, _ = at_most(_SHOWN if noise < _STRONG else _SHOWN_OF_STRONG, moved)
         used = (f"input: {len(few)} points used, smoothed by all {len(points)}",)
     of_noise = (f"noise: {noise:.3f}",) if noise else ()
     return Shown(PointCloud(few), source, noise, (*of_noise, *left_out, *used))

@@ -7,7 +7,7 @@ points than the network knows, and `enlarging` how images larger than the networ
 
 from __future__ import annotations
 
-from collections.abc import Iterator, Mapping, Sequence
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 from functools import cached_property
 from typing import Protocol
@@ -17,7 +17,7 @@ import torch
 from numpy.typing import NDArray
 from torch import Tensor
 
-from baselines.fused_net.enlarging import planes_of_mesh, up, with_detail
+from baselines.fused_net.enlarging import up, with_detail
 from baselines.fused_net.many_points import shown_to_network
 from baselines.occupancy_net.renderer import OccupancyNetRenderer
 from baselines.occupancy_net.weights import load_weights
@@ -26,12 +26,14 @@ from baselines.reconstruction.stages import Reconstruction, in_grey
 from baselines.splat_net.engine import FoldedSplatNet, Precision
 from baselines.splat_net.projection import Projection, cameras, lenses
 from baselines.splat_net.renderer import Projector, SplatNetRenderer, views_at_once
+from baselines.splat_net.sharpening import planes_of_mesh
 from baselines.splat_net.surfels import Surfels
 from baselines.upsampler.renderer import UpsampledWrapRenderer
 from baselines.upsampler.weights import load_weights as upsampler_weights
 from data_prep.failures import StageFailure
 from data_prep.rendering.raycast import surface_maps
 from data_prep.scene import IMAGE_SIZE, AnyView, Images, Mesh, PointCloud
+from learning.exact import exact_inference
 from learning.weights import NetworkWeights
 
 OCCUPANCY = "all"  # name of the bundled weights of occupancy-net that make its mesh
@@ -132,11 +134,10 @@ class FusedNetRenderer:
         """
         del rng
         size = size or self.splats.size
-        if size > self.splats.size or self._draws_mesh(state):
+        if self._takes_mesh(state, size):
             images = np.empty((len(views), size, size, 3), np.float32)
-            for image, (planes, albedo) in zip(
-                images, self._enlarged(state, views, size), strict=True
-            ):
+            for image, view in zip(images, views, strict=True):
+                planes, albedo = self._with_mesh(state, view, size)
                 image[...] = FoldedSplatNet.images_of(planes, albedo)[0].cpu().numpy()
             return images
         splats = self.splats.at_size(size)
@@ -148,9 +149,10 @@ class FusedNetRenderer:
     ) -> NDArray[np.float32]:
         """Return the share of each pixel that is covered, float32 [V, size, size] in 0..1."""
         size = size or self.splats.size
-        if size > self.splats.size or self._draws_mesh(state):
+        if self._takes_mesh(state, size):
             shares = np.empty((len(views), size, size), np.float32)
-            for share, (planes, _) in zip(shares, self._enlarged(state, views, size), strict=True):
+            for share, view in zip(shares, views, strict=True):
+                planes, _ = self._with_mesh(state, view, size)
                 share[...] = self._engine.coverage_of(planes)[0, ..., 0].cpu().numpy()
             return shares
         splats = self.splats.at_size(size)
@@ -167,27 +169,31 @@ class FusedNetRenderer:
         """Return whether the mesh is drawn alone, to which a network may add an albedo."""
         return state.exact and self._engine.network.config.heads[0] == "grey"
 
-    def _enlarged(
-        self, state: _FusedState, views: Sequence[AnyView], size: int
-    ) -> Iterator[tuple[Tensor, Tensor | None]]:
-        """Yield for each view what `FoldedSplatNet.planes` returns, with the detail of the mesh.
+    def _takes_mesh(self, state: _FusedState, size: int) -> bool:
+        """Return whether images of this size show the mesh, or have detail of it."""
+        return size > self.splats.size or self._draws_mesh(state)
+
+    @exact_inference()
+    def _with_mesh(
+        self, state: _FusedState, view: AnyView, size: int
+    ) -> tuple[Tensor, Tensor | None]:
+        """Return what `FoldedSplatNet.planes` does of a view, with the mesh or its detail.
 
         Raises StageFailure("draw", ...) where the network gives NaN or infinity.
         """
-        engine, project = self._engine, _projector(state, self.splats)
+        engine, alone = self._engine, self._draws_mesh(state)
         with_faces = [mesh for mesh in state.meshes if len(mesh.faces)]
         mesh = with_faces[-1] if with_faces else NOTHING
-        for view in views:
-            with torch.inference_mode():
-                channels = project([view]).channels(slice(None), engine.dtype)
-                planes, albedo = engine.planes(channels)
-                if not planes.sum().isfinite():
-                    raise StageFailure("draw", "the network gives an image that is not finite")
-                maps = torch.from_numpy(surface_maps(mesh, [view], size)).to(planes.device)
-                of_mesh = planes_of_mesh(maps)
-                alone = self._draws_mesh(state)
-                planes = of_mesh if alone else with_detail(planes, of_mesh)
-                yield planes, None if albedo is None else up(albedo, size).clamp(0, 1)
+        maps = torch.from_numpy(surface_maps(mesh, [view], size)).to(self.splats.device)
+        of_mesh = planes_of_mesh(maps)
+        if alone and "albedo" not in engine.network.config.heads:
+            return of_mesh, None
+        seen = _projector(state, self.splats)([view])
+        drawn, albedo = engine.planes(seen.channels(slice(None), engine.dtype))
+        if not drawn.sum().isfinite():
+            raise StageFailure("draw", "the network gives an image that is not finite")
+        colour = None if albedo is None else up(albedo, size).clamp(0, 1)
+        return of_mesh if alone else with_detail(drawn, of_mesh), colour
 
 
 def _projector(state: _FusedState, splats: SplatNetRenderer) -> Projector:

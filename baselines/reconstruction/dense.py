@@ -64,10 +64,9 @@ def dense_noise(points: Points) -> float:
         tree = cKDTree(points)
         at = points[random_rows(len(points), _SAMPLED)]
         distance, index = map(np.asarray, tree.query(at, k=range(1, PATCHES[-1] + 1)))
+        exact = points.astype(np.float64)
         for k in PATCHES:
-            noise, share = noise_in_patches(
-                points.astype(np.float64), distance[:, k - 1], index[:, :k]
-            )
+            noise, share = noise_in_patches(exact, distance[:, k - 1], index[:, :k])
             if share <= WIDE:
                 return noise
         if len(points) <= _SAMPLED:

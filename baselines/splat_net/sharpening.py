@@ -36,7 +36,7 @@ _EVEN, _CREASED = 20 / 255, 40 / 255
 # to _CLEAN a cloud counts as clean. From _NOISY on the shading of its mesh shows nothing but noise,
 # and is not taken.
 _CLEAN, _NOISY = 0.30, 0.38
-_NEARLY_NOTHING = 1e-6  # smallest alpha that is divided by; below, what covers a pixel is not seen
+NEARLY_NOTHING = 1e-6  # smallest alpha that is divided by; below, what covers a pixel is not seen
 
 
 def take_meshes(drawn: Tensor, channels: Tensor, inputs: Inputs) -> Tensor:
@@ -55,9 +55,7 @@ def take_meshes(drawn: Tensor, channels: Tensor, inputs: Inputs) -> Tensor:
     number = torch.arange(1, shown.shape[1] + 1, device=shown.device)
     last = torch.where(shown, number, 0).argmax(dim=1)
     taken = maps[torch.arange(len(maps), device=last.device), last].float()
-    cover = taken[:, MAPS.index("coverage")]
-    # The last map is how far a normal faces the camera, which gives the shading.
-    darkness = 1 - NEUTRAL * taken[:, -1].pow(1 / GAMMA)
+    cover, darkness = planes_of_mesh(taken).unbind(1)
     alpha, dark = drawn[:, 0], drawn[:, 0] * drawn[:, 1]
     share = _share(
         differences=dark - cover * darkness,
@@ -67,7 +65,17 @@ def take_meshes(drawn: Tensor, channels: Tensor, inputs: Inputs) -> Tensor:
         clean=_clean(channels, inputs),
     )
     alpha, dark = alpha.lerp(cover, share), dark.lerp(cover * darkness, share)
-    return torch.stack([alpha, dark / alpha.clamp(min=_NEARLY_NOTHING)], dim=1)
+    return torch.stack([alpha, dark / alpha.clamp(min=NEARLY_NOTHING)], dim=1)
+
+
+def planes_of_mesh(maps: Tensor) -> Tensor:
+    """Return alpha, and 1 less the grey of what covers a pixel, [P, 2, S, S] in 0..1, of a mesh.
+
+    maps  [P, 5, S, S], of `data_prep.rendering.raycast.surface_maps`
+    """
+    # The last map is how far a normal faces the camera, which gives the shading.
+    darkness = 1 - NEUTRAL * maps[:, -1].pow(1 / GAMMA)
+    return torch.stack([maps[:, MAPS.index("coverage")], darkness], dim=1)
 
 
 def _share(

@@ -216,7 +216,7 @@ class RenderOptions:
     def methods(self) -> tuple[str, ...]:
         """Return the methods of --method, each once, or else the one that the options choose.
 
-        Of a budget it is the one for 2,048 points; `Drawing` chooses for those of the file.
+        With a budget it is the one for 2,048 points; `Drawing` chooses for those of the file.
 
         Raises BadInput where no method is fast enough for --budget, and for options that exclude
         each other.

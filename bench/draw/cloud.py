@@ -355,7 +355,7 @@ class _Task(NamedTuple):
 
 
 class _Done(NamedTuple):
-    """What a worker has drawn.
+    """The images that a worker has drawn, with notes.
 
     method  the method that drew in place of the one in the request; None for that one
     """

@@ -211,7 +211,7 @@ def _draw_in_colours(
     batch: int | None,
     truth: UInt8Images | None,
 ) -> _RenderedViews:
-    """Do what `draw` does, and paint grey images in the colours of a cloud that has some.
+    """Draw as `draw` does, and paint grey images in the colours of a cloud that has some.
 
     Painting is a part of the time that an image takes.
     """

@@ -70,7 +70,7 @@ class Stride:
 
 @dataclass(frozen=True)
 class MorePoints:
-    """The cloud with further points of the mesh that it was sampled from, `count` in all.
+    """A cloud with further points of the mesh that it was sampled from, `count` in all.
 
     Its own points come first, in their order. By the same random numbers, the cloud of a larger
     `count` begins with that of a smaller one. A cloud of more points is cut to its first `count`.

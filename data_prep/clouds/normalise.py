@@ -9,7 +9,6 @@ from typing import Any, cast
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
-from data_prep.clouds.orientations import upright
 from data_prep.failures import BadInput
 from data_prep.scene import Mesh, PointCloud
 
@@ -55,17 +54,6 @@ def _sphere(used: NDArray[np.float64]) -> tuple[NDArray[np.float64], float]:
     """Return the centre [3] of the bounding box and the distance of the farthest vertex from it."""
     centre = (used.min(axis=0) + used.max(axis=0)) / 2
     return centre, np.sqrt(((used - centre) ** 2).sum(axis=1).max())
-
-
-def cloud_of_points(points: ArrayLike, up: str = "y", front: str | None = None) -> PointCloud:
-    """Turn points [N, 3] upright and scale them to the unit sphere; return a cloud without source.
-
-    The points are real numbers in any units; rows with masked values are left out, with a warning.
-    `up` and `front` are as in `data_prep.clouds.orientations.upright`. Raises ValueError if the
-    points are no real numbers of shape [N, 3], and BadInput if an axis is unknown, or as
-    `normalise_points`.
-    """
-    return normalise_points(upright(real_points(points), up, front))
 
 
 def real_points(points: ArrayLike) -> NDArray[np.float64]:

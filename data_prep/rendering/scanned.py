@@ -21,7 +21,7 @@ _MOST_DRAWS = 128
 
 @dataclass(frozen=True)
 class Scanned:
-    """As many points as the cloud has, all of them seen by one of the cameras of a scanner.
+    """A scan of the mesh: so many points as the cloud has, each seen by one of its cameras.
 
     The first camera is random, of uniform azimuth and of an elevation within +-40 degrees, at the
     distance of all cameras. The others stand at equal steps of azimuth around the object, each at a

@@ -5,7 +5,8 @@ import pytest
 import torch
 from torch.nn.functional import interpolate
 
-from baselines.fused_net.enlarging import planes_of_mesh, up, with_detail
+from baselines.fused_net.enlarging import up, with_detail
+from baselines.splat_net.sharpening import planes_of_mesh
 from data_prep.datasets.procedural import ProceduralObject
 from data_prep.rendering.mesh import draw_mesh, mesh_coverage
 from data_prep.rendering.raycast import surface_maps

@@ -1,4 +1,4 @@
-"""What fused-net is shown of clouds with more points than it was trained for."""
+"""The part that fused-net is shown of clouds with more points than it was trained for."""
 
 import numpy as np
 import pytest

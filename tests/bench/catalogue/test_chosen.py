@@ -94,7 +94,7 @@ def test_costs_are_interpolated_in_logarithms_and_go_on_beyond(points, times):
 
 @pytest.mark.parametrize("points", [2048, 2049, 100_000, 10**6])
 def test_at_any_number_of_points_the_best_method_within_the_budget_is_chosen(points):
-    """By brute force over the tables."""
+    """The choice is that of brute force over the tables."""
     by_points = times_by_points()
     costs = {}
     for name, measured in TABLE.items():

@@ -178,7 +178,7 @@ def test_the_golden_values_of_the_classes():
 
 @pytest.mark.slow
 def test_denser_scanned_and_coloured_clouds_have_their_golden_values(command, tmp_path):
-    """The commands of CONTRIBUTING.md, in a folder elsewhere."""
+    """The commands of CONTRIBUTING.md give the golden values in a folder elsewhere."""
     options = "--suite beyond-training --truth coloured-clouds --limit 2 --views 4"
     options += " --conditions 2048,8192,32768,three-views,one-side"
     options += " --methods alpha-wrap,splat-fill,splat-net@grey,blank"

@@ -73,7 +73,7 @@ def test_the_command_says_which_method_the_budget_chose(command, cloud, tmp_path
 
 
 def test_the_number_of_points_of_each_file_decides(command, points, cloud, tmp_path):
-    """A time in which splat draws 600 points buys nothing of 20,000."""
+    """The time in which splat draws 600 points is not enough for 20,000."""
     many = tmp_path / "many.ply"
     scales = np.linspace(0.9, 1, 40, dtype=np.float32)[:, None, None]
     save_ply((scales * points).reshape(-1, 3)[:20_000], many)

@@ -64,7 +64,7 @@ def pixels(path: Path) -> np.ndarray:
 
 @pytest.mark.parametrize("suffix", ["obj", "ply", "off", "stl", "glb"])
 def test_a_mesh_is_drawn_itself_in_its_colours(command, tmp_path, suffix: str) -> None:
-    """From the front its first face is seen head on, in exactly its colour."""
+    """The front shows the first face head on, in exactly its colour."""
     path, out = write_box(tmp_path / f"box.{suffix}"), tmp_path / "out.png"
     status, printed, err = command("render", path, *FRONT, "--size", "200", "-o", out)
     assert (status, printed) == (0, f"{out}\n")

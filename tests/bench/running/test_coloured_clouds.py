@@ -73,7 +73,7 @@ def test_points_have_the_colours_of_the_box_and_lie_where_they_do_without(condit
 
 
 def test_a_method_that_draws_in_grey_is_painted_by_the_function_that_users_have():
-    """From +X the box is red, from -X blue, and the front shows both, each where it is."""
+    """The box is red from +X and blue from -X, and the front shows both, each where it is."""
     for method in ("splat-fill", "alpha-wrap"):
         job = jobs(COLOURED, (method,))[method, "2048"]
         result = run_job(job)
@@ -106,7 +106,7 @@ def test_discs_are_drawn_in_the_colours_of_points_and_not_painted_again():
 
 
 def test_methods_that_are_painted():
-    """Those that draw clouds in grey, and of these not those that draw points themselves."""
+    """Methods that draw clouds in grey are painted, but for those that draw points themselves."""
     cloud = PointCloud(np.zeros((3, 3)), colors=np.zeros((3, 3)))
     painted = {
         name: is_painted(find_method(name), cloud)

@@ -115,7 +115,7 @@ def test_more_points_begin_with_those_of_fewer() -> None:
 
 @pytest.mark.parametrize("condition", CONDITIONS, ids=lambda c: c.id)
 def test_points_keep_their_colours(condition: Condition) -> None:
-    """Faces in the planes z = 0, red, and z = 1, blue; colours do not change which points are."""
+    """Points in the planes z = 0 and z = 1 stay red and blue; colours do not change which stay."""
     corners = [[0, 0, 0], [1, 0, 0], [0, 1, 0], [0, 0, 1], [1, 0, 1], [0, 1, 1]]
     mesh = Mesh(corners, [[0, 1, 2], [3, 4, 5]], [[200, 0, 0], [0, 0, 100]])
     cloud = sample_surface(mesh, np.random.default_rng(1), coloured=True)

@@ -35,7 +35,7 @@ def scan(mesh: Mesh, cameras: int, seed: int = 0, count: int = 2048) -> PointClo
 
 
 def nearest_hits(mesh: Mesh, view: View, points: np.ndarray) -> np.ndarray:
-    """How far in front of each point its ray first meets the mesh (Moller and Trumbore 1997)."""
+    """Return how far before each point its ray first meets the mesh (Moller and Trumbore 1997)."""
     eye = camera_to_world(view)[:3, 3]
     ray = (points - eye)[:, None]
     corner, other, third = mesh.vertices.astype(float)[mesh.faces].transpose(1, 0, 2)
@@ -78,7 +78,7 @@ def test_cameras_stand_around_the_object_at_the_elevations_of_all_views():
 
 
 def test_what_is_seen_of_a_box_is_seen_evenly():
-    """Of a cube one camera sees two or three faces, each of area 1, and nothing of the others."""
+    """One camera sees two or three faces of a cube, each of area 1, and nothing of the others."""
     mesh = boxes(([1, 1, 1], [0, 0, 0]))
     made = scan(mesh, 1)
     face = np.abs(made.points).argmax(axis=1) + 3 * (made.points.max(axis=1) < 0.4999)
