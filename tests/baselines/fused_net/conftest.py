@@ -30,9 +30,9 @@ class Failing:
         raise StageFailure("alpha-wrap", "no faces")
 
 
-def network(meshes, seed=0):
+def network(meshes, seed=0, heads=("grey",)):
     inputs = replace(SMALL.inputs, meshes=tuple(meshes))
-    return lived_in(replace(SMALL, inputs=inputs, heads=("grey",)))
+    return lived_in(replace(SMALL, inputs=inputs, heads=heads))
 
 
 def fused(net, methods, **options):

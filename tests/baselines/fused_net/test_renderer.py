@@ -137,3 +137,29 @@ def test_a_clean_cloud_of_many_points_is_drawn_as_its_mesh():
     larger = renderer.draw(few, VIEWS, size=200)
     assert larger.shape == (len(VIEWS), 200, 200, 3)
     assert np.abs(larger - draw_mesh(grey, VIEWS, 200) / 255).mean() > 0.01
+
+
+def test_an_albedo_colours_the_mesh_of_many_points_and_leaves_its_coverage():
+    mesh = ProceduralObject("chair", "validation", 0).load()
+    many = sample_surface(mesh, np.random.default_rng(0), 5000)
+    renderer = fused(network(MESHES[:1], heads=("grey", "albedo")), {MESHES[0]: Truth()})
+    renderer._upsampled = Truth()
+    state = renderer.prepare(many)
+    covered = surface_maps(mesh, VIEWS, 160)[:, 0]
+    np.testing.assert_array_equal(renderer.coverage(state, VIEWS, 160), covered)
+    image = renderer.draw(state, VIEWS, size=160)
+    assert (image[covered == 0] == 1).all()
+    assert np.ptp(image, axis=-1)[covered == 1].max() > 0.01  # no grey
+
+
+def test_the_mesh_of_noisy_points_is_seen_and_not_drawn_alone():
+    mesh = ProceduralObject("chair", "validation", 0).load()
+    rng = np.random.default_rng(0)
+    points = sample_surface(mesh, rng, 20_000).points
+    noisy = PointCloud(points + rng.normal(scale=0.012, size=points.shape).astype(np.float32))
+    renderer = fused(network(MESHES[:1]), {MESHES[0]: Failing()})
+    renderer._upsampled = Truth()
+    state = renderer.prepare(noisy)
+    assert len(state.meshes[0].faces) == len(mesh.faces)
+    true = draw_mesh(in_one_colour(mesh, NEUTRAL_GREY), VIEWS) / 255
+    assert np.abs(renderer.draw(state, VIEWS) - true).mean() > 0.02
