@@ -33,7 +33,8 @@ Size  On a curved surface heights grow with the patch, while noise does not. So 
       k = 24, 48, 96 and 192 the smallest is taken whose estimate is at most 0.27 of its radius, or
       else the largest. On a clean cloud that is the smallest, under strong noise a large one.
 
-Only the patches of at most 2,048 points are used.
+Only the patches of at most 2,048 points are used. Where these lie in layers, the estimate would be
+their thickness, and counts as 0 (`baselines.reconstruction.layers`).
 
 How the constants were chosen: docs/reconstruction-constants.md at commit d75c6426.
 """
@@ -47,6 +48,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from baselines.eigenpairs import smallest_eigenpairs
+from baselines.reconstruction.layers import in_layers
 from baselines.reconstruction.stages import Nearest, spacing, used_points
 from baselines.reconstruction.surface import NORMAL_NEIGHBOURS
 from data_prep.arrays import Floats
@@ -121,6 +123,12 @@ def cleaned(cloud: PointCloud, strength: float) -> _Cleaned:
     done = f"smoothed: {_ROUNDS} times over {neighbours} points, {len(kept)} of {len(points)} kept"
     notes = (f"noise: {estimate:.3f}", *notes, done)
     return _Cleaned(kept.astype(np.float32), noise, between, notes)
+
+
+def is_noisy(points: Points) -> bool:
+    """Return whether points [N, 3], all different and finite, have noise that `cleaned` smooths."""
+    _, sample = searched(points)
+    return noise_scale(sample) > NOISY * spacing(sample)
 
 
 def smoothed_as_asked(near: Nearest, noise: float) -> tuple[Floats, int]:
@@ -201,7 +209,8 @@ def noise_scale(near: Nearest) -> float:
     """Return the standard deviation of the points' noise along the surface's normal, at least 0.
 
     It is in the units of the points and does not depend on their order. For fewer than 30 points,
-    of which noise cannot be estimated, it is 0.
+    of which noise cannot be estimated, it is 0; and for points that lie in layers, whose thickness
+    would be taken for noise.
     """
     count = len(near.points)
     if count < _LEAST_POINTS:
@@ -216,6 +225,8 @@ def noise_scale(near: Nearest) -> float:
         estimate, share = noise_in_patches(near.points, distance[:, k - 1], index[:, :k])
         if share <= WIDE:
             break
+    if estimate > NOISY * spacing(near) and in_layers(near):
+        return 0.0
     return estimate
 
 

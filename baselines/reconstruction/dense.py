@@ -26,6 +26,7 @@ from baselines.reconstruction.denoised import (
     noise_in_patches,
     projected,
 )
+from baselines.reconstruction.layers import in_layers
 from baselines.reconstruction.stages import Nearest, spacing
 from data_prep.arrays import Floats
 from data_prep.clouds.sampling import random_rows
@@ -44,12 +45,12 @@ _ASKED = 512  # points whose neighbourhoods are counted, to find how many points
 def noise_to_remove(points: Points, used: int) -> float:
     """Return the noise of points [N, 3], or 0 where `used` of them count as clean.
 
-    They do where the noise is small against the distance of neighbours among so many points. N is
-    at least 2,048, and no two points coincide.
+    They do where the noise is small against the distance of neighbours among so many points, and
+    where points lie in layers. N is at least 2,048, and no two points coincide.
     """
     noise = dense_noise(points)
-    between = spacing(Nearest(points[random_rows(len(points), used)]))
-    return noise if noise > NOISY * between else 0.0
+    near = Nearest(points[random_rows(len(points), used)])
+    return noise if noise > NOISY * spacing(near) and not in_layers(near) else 0.0
 
 
 def dense_noise(points: Points) -> float:

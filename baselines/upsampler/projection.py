@@ -46,6 +46,7 @@ class LearnedSurface:
     points   different, finite points [N, 3], N > 1
 
     spacing  the median spacing of the points, after smoothing where they are noisy
+    smoothed whether the points are noisy, and were smoothed
     notes    what was done to the points, for the user
     """
 
@@ -53,6 +54,7 @@ class LearnedSurface:
         self.network = network
         device = next(network.parameters()).device
         seen, self.notes = surroundings(points)
+        self.smoothed = bool(self.notes)
         self.spacing = float(np.median(seen.radius.numpy()))
         self.tree = cKDTree(seen.points.numpy())
         self.seen = seen.to(device)
