@@ -192,7 +192,7 @@ FILES: dict[str, WeightFiles] = {
         "baselines.fused_net",
         "fused-net",
         "splat-net-weights-2",
-        {"all": "e5be7a567f234de205fa6ac03598604c5f51b0fb19e1cf56082234adba13bb33"},
+        {"all": "e0da4d79eac648371d923a9f00d85c5512ce8a6a1a847036bffeeda887440fb3"},
         in_grey=("all",),
     ),
     "baselines.upsampler": _files(

@@ -2,14 +2,13 @@
 
 What becomes of a cloud, step by step:
 
-1. The cloud is smoothed where it is noisy: `baselines/reconstruction/denoised.py`.
-2. An alpha wrap of it is the first mesh: `baselines/reconstruction/alpha_wrap.py`.
-3. A network for occupancy in 3D gives the second mesh: `baselines/occupancy_net/renderer.py`.
-4. Points get normals and become surfels: `baselines/splat_net/surfels.py`.
-5. For each view meshes become maps of depth and normals: `data_prep/rendering/raycast.py`.
-6. Surfels are projected; these and the maps are channels: `baselines/splat_net/projection.py`.
-7. The network draws coverage and grey of each pixel: `baselines/splat_net/engine.py`.
-8. Where drawing and mesh agree the mesh's edges are taken: `baselines/splat_net/sharpening.py`.
+1. A network for occupancy in 3D gives the first mesh: `baselines/occupancy_net/renderer.py`.
+2. A network for small pieces gives the second: `baselines/upsampler/renderer.py`.
+3. Points get normals and become surfels: `baselines/splat_net/surfels.py`.
+4. For each view meshes become maps of depth and normals: `data_prep/rendering/raycast.py`.
+5. Surfels are projected; these and the maps are channels: `baselines/splat_net/projection.py`.
+6. The network draws coverage and grey of each pixel: `baselines/splat_net/engine.py`.
+7. Where drawing and mesh agree the mesh's edges are taken: `baselines/splat_net/sharpening.py`.
 
 `renderer.py` calls these steps, and `load` gives a renderer with bundled weights or your own.
 """

@@ -17,7 +17,8 @@ import torch
 from numpy.typing import NDArray
 from torch import Tensor
 
-from baselines.fused_net.renderer import OCCUPANCY, maps_of, reconstruct, reconstructors
+from baselines.fused_net.renderer import OCCUPANCY, UPSAMPLER, maps_of, reconstruct, reconstructors
+from baselines.fused_net.weights import MESHES
 from data_prep.datasets.objects import SceneObject
 from data_prep.datasets.training_set import DATA_SEED, SurfaceSet, TrainingSet
 from data_prep.failures import BadInput
@@ -57,7 +58,6 @@ class FusedSet:
 def fused_set(
     surfaces: SurfaceSet,
     objects: Sequence[SceneObject],
-    meshes: Sequence[str],
     out_dir: Path,
     *,
     augment: bool = True,
@@ -66,13 +66,12 @@ def fused_set(
     """Return the training set of objects, each with one cloud and the maps of its meshes.
 
     surfaces     the objects' images and whole clouds
-    meshes       names of the methods that reconstruct meshes, of `weights.MESHES`
     out_dir      where maps are kept. Maps that are there already are used, if they are of the same
-                 clouds, views, meshes and weights of occupancy-net
+                 clouds and views, and of the same weights of the networks that make meshes
     augment      whether clouds are degraded: fewer points, and noise
     on_progress  called after each object
 
-    Raises BadInput where maps in `out_dir` are of other clouds, views, meshes or weights.
+    Raises BadInput where maps in `out_dir` are of other clouds, views or weights.
     """
     count, most, _ = surfaces.seen.clouds.shape
     clouds = np.zeros((count, most, 3), np.float32)
@@ -87,15 +86,14 @@ def fused_set(
             counts[i], noise[i] = cloud.shape[1], (cloud - clean).std()
         clouds[i, : counts[i]] = cloud[0].numpy()
     seen = replace(surfaces.seen, clouds=clouds)
-    maps = _all_maps(seen, counts, meshes, out_dir / FOLDER, on_progress)
+    maps = _all_maps(seen, counts, out_dir / FOLDER, on_progress)
     return FusedSet(replace(surfaces, seen=seen), counts, noise, maps)
 
 
-def occupancy_weights(meshes: Sequence[str]) -> str:
-    """Return the sha256 of the weights of occupancy-net; "" if `meshes` does not name it."""
-    if "occupancy-net" not in meshes:
-        return ""
-    return FILES["baselines.occupancy_net"].bundled[OCCUPANCY]
+def mesh_weights() -> str:
+    """Return the sha256 of the weights of each network that makes meshes, with a space between."""
+    occupancy = FILES["baselines.occupancy_net"].bundled[OCCUPANCY]
+    return f"{occupancy} {FILES['baselines.upsampler'].bundled[UPSAMPLER]}"
 
 
 def encode(maps: NDArray[np.float32]) -> NDArray[np.uint8]:
@@ -132,7 +130,6 @@ def mirror(maps: Tensor) -> Tensor:
 def _all_maps(
     seen: TrainingSet,
     counts: NDArray[np.int64],
-    meshes: Sequence[str],
     folder: Path,
     on_progress: Callable[[], object],
 ) -> NDArray[np.uint8]:
@@ -142,13 +139,13 @@ def _all_maps(
     TOGETHER objects are complete.
     """
     objects, views = seen.azimuth_deg.shape
-    shape = (objects, views, len(MAPS) * len(meshes), IMAGE_SIZE, IMAGE_SIZE)
+    shape = (objects, views, len(MAPS) * len(MESHES), IMAGE_SIZE, IMAGE_SIZE)
     maps = np.empty(shape, np.uint8)
-    methods = reconstructors(meshes)
+    methods = reconstructors()
     for start in range(0, objects, TOGETHER):
         some = range(start, min(start + TOGETHER, objects))
         path = folder / f"{start:06d}.safetensors"
-        header = {"format": FORMAT, "of": _identity(seen, counts, meshes, some)}
+        header = {"format": FORMAT, "of": _identity(seen, counts, some)}
         if path.exists():
             maps[start : some.stop] = _read(path, header, maps[start : some.stop].shape)
         for i in some:
@@ -165,11 +162,9 @@ def _all_maps(
     return maps
 
 
-def _identity(
-    seen: TrainingSet, counts: NDArray[np.int64], meshes: Sequence[str], some: range
-) -> str:
+def _identity(seen: TrainingSet, counts: NDArray[np.int64], some: range) -> str:
     """Return a sha256 of everything that the maps of the objects `some` depend on."""
-    digest = hashlib.sha256(repr((*meshes, occupancy_weights(meshes))).encode())
+    digest = hashlib.sha256(repr((*MESHES, mesh_weights())).encode())
     for array in (seen.azimuth_deg, seen.elevation_deg, seen.clouds, counts):
         digest.update(np.ascontiguousarray(array[some.start : some.stop]).tobytes())
     return digest.hexdigest()
@@ -181,7 +176,7 @@ def _read(path: Path, header: dict[str, str], shape: tuple[int, ...]) -> NDArray
     maps = tensors.get("maps")
     if kept_header != header or maps is None or maps.shape != shape or maps.dtype != torch.uint8:
         raise BadInput(
-            f"{path}: its maps are of other clouds, views, meshes or weights of occupancy-net; "
+            f"{path}: its maps are of other clouds or views, or of other weights that make meshes; "
             f"use another output directory, or remove {path.parent}"
         )
     return maps.numpy()

@@ -9,7 +9,6 @@ from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
-from functools import cached_property
 from typing import Protocol
 
 import numpy as np
@@ -21,7 +20,7 @@ from baselines.fused_net.enlarging import up, with_detail
 from baselines.fused_net.many_points import shown_to_network
 from baselines.occupancy_net.renderer import OccupancyNetRenderer
 from baselines.occupancy_net.weights import load_weights
-from baselines.reconstruction.alpha_wrap import DenoisedWrap
+from baselines.reconstruction.denoised import is_noisy
 from baselines.reconstruction.stages import Reconstruction, in_grey
 from baselines.splat_net.engine import FoldedSplatNet, Precision
 from baselines.splat_net.projection import Projection, cameras, lenses
@@ -30,6 +29,7 @@ from baselines.splat_net.sharpening import planes_of_mesh
 from baselines.splat_net.surfels import Surfels
 from baselines.upsampler.renderer import UpsampledWrapRenderer
 from baselines.upsampler.weights import load_weights as upsampler_weights
+from data_prep.clouds.sorting import different_points
 from data_prep.failures import StageFailure
 from data_prep.rendering.raycast import surface_maps
 from data_prep.scene import IMAGE_SIZE, AnyView, Images, Mesh, PointCloud
@@ -37,11 +37,7 @@ from learning.exact import exact_inference
 from learning.weights import NetworkWeights
 
 OCCUPANCY = "all"  # name of the bundled weights of occupancy-net that make its mesh
-UPSAMPLER = "all"  # name of those of upsampled-wrap, for clouds of many points
-# Number of different points from which on one mesh is enough, that of occupancy-net. On validation
-# objects with so many points, noisy or not, leaving out the mesh of denoised-wrap changes LPIPS by
-# .001 or less; leaving out that of occupancy-net raises it by .008 to .036.
-ENOUGH = 1024
+UPSAMPLER = "all"  # name of those that make the mesh of upsampled-wrap
 NOTHING = in_grey(np.empty((0, 3)), np.empty((0, 3), int))  # a mesh without faces
 
 
@@ -81,15 +77,14 @@ class FusedNetRenderer:
     ) -> None:
         self.weights = weights
         self.splats = SplatNetRenderer(weights, device=device, precision=precision, size=size)
-        self.methods = reconstructors(self.splats.inputs.meshes, device)
+        self.methods = reconstructors(device)
 
     def prepare(self, cloud: PointCloud, rng: np.random.Generator | None = None) -> _FusedState:
         """Return the surfels and meshes of a cloud; `rng` is not used.
 
         Where a method fails to make its mesh, the network draws without it, and a note says so. A
-        cloud of ENOUGH different points has only the mesh of occupancy-net, or that of
-        denoised-wrap where occupancy-net fails; a cloud with more points than the network knows has
-        that of upsampled-wrap in its place, unless it is very noisy.
+        cloud with more points than the network knows has only the mesh of upsampled-wrap, unless it
+        is very noisy.
 
         Raises StageFailure at the stage "input", for an empty or non-finite cloud.
         """
@@ -100,7 +95,7 @@ class FusedNetRenderer:
         notes: tuple[str, ...] = ()
         if shown.source is not None:
             try:
-                result = self._upsampled.prepare(PointCloud(shown.source))
+                result = self.methods["upsampled-wrap"].prepare(PointCloud(shown.source))
             except StageFailure as failure:
                 notes = (f"upsampled-wrap: no mesh, {failure}",)
             else:
@@ -113,11 +108,6 @@ class FusedNetRenderer:
         return _FusedState(
             surfels=surfels, meshes=meshes, exact=exact, notes=(*shown.notes, *notes)
         )
-
-    @cached_property
-    def _upsampled(self) -> UpsampledWrapRenderer:
-        # Read for the first cloud with many points: most clouds have few.
-        return UpsampledWrapRenderer(upsampler_weights(UPSAMPLER), device=str(self.splats.device))
 
     def draw(
         self,
@@ -214,15 +204,12 @@ class _Reconstructor(Protocol):
     def prepare(self, cloud: PointCloud) -> Reconstruction: ...
 
 
-def reconstructors(names: Sequence[str], device: str = "cpu") -> dict[str, _Reconstructor]:
-    """Return the methods that make meshes, by their `names`, which are of `weights.MESHES`."""
-    methods: dict[str, _Reconstructor] = {}
-    for name in names:
-        if name == "occupancy-net":
-            methods[name] = OccupancyNetRenderer(load_weights(OCCUPANCY), device=device)
-        else:
-            methods[name] = DenoisedWrap()
-    return methods
+def reconstructors(device: str = "cpu") -> dict[str, _Reconstructor]:
+    """Return the methods that make meshes, by their names, in the order of `weights.MESHES`."""
+    return {
+        "occupancy-net": OccupancyNetRenderer(load_weights(OCCUPANCY), device=device),
+        "upsampled-wrap": UpsampledWrapRenderer(upsampler_weights(UPSAMPLER), device=device),
+    }
 
 
 def reconstruct(
@@ -231,23 +218,25 @@ def reconstruct(
     """Return the meshes of a cloud in the order of `methods`, and notes.
 
     Where a method fails, its mesh has no faces and a note says why: the network still sees the
-    points. For ENOUGH different points only one mesh is made, by the last method that does not
-    fail; the others have no faces.
+    points. Of a noisy cloud the mesh of upsampled-wrap is not made: with it LPIPS of validation
+    objects is lower by .001 at most, and it would take most of the time.
     """
-    meshes = dict.fromkeys(methods, NOTHING)
-    notes = {name: list[str]() for name in methods}
-    enough = len(np.unique(cloud.points, axis=0)) >= ENOUGH
-    for name in reversed(list(methods)):
-        if enough and any(len(mesh.faces) for mesh in meshes.values()):
-            break
+    noisy = is_noisy(different_points(cloud.points))
+    meshes: list[Mesh] = []
+    notes: list[str] = []
+    for name, method in methods.items():
+        if noisy and name == "upsampled-wrap":
+            meshes.append(NOTHING)
+            continue
         try:
-            result = methods[name].prepare(cloud)
+            result = method.prepare(cloud)
         except StageFailure as failure:
-            notes[name] = [f"no mesh, {failure}"]
+            meshes.append(NOTHING)
+            notes.append(f"{name}: no mesh, {failure}")
         else:
-            meshes[name], notes[name] = result.mesh, list(result.notes)
-    named = [f"{name}: {note}" for name in methods for note in notes[name]]
-    return tuple(meshes.values()), tuple(named)
+            meshes.append(result.mesh)
+            notes += [f"{name}: {note}" for note in result.notes]
+    return tuple(meshes), tuple(notes)
 
 
 def maps_of(

@@ -2,7 +2,8 @@
 
 Each object has one cloud (`baselines.fused_net.data`). A batch has clouds of one number of points,
 as in the training of splat-net. Otherwise smaller clouds would have to be filled up by repeating
-points, which would change their densities.
+points, which would change their densities. Now and then a mesh is hidden, so that the network draws
+what it can where a mesh could not be made.
 """
 
 from __future__ import annotations
@@ -23,6 +24,9 @@ from baselines.splat_net.train import (
     SplatNetTrainer,
 )
 from data_prep.datasets.training_set import SurfaceSet
+from data_prep.rendering.raycast import MAPS
+
+_HIDES = 0.2  # share of the clouds in a step of which one mesh is hidden
 
 
 class FusedNetTrainer(SplatNetTrainer):
@@ -57,7 +61,23 @@ class FusedNetTrainer(SplatNetTrainer):
         mirrored = torch.rand(clouds, generator=self.random) < 0.5
         taken = self.clouds[objects, : int(points)]
         seen, truth = self._scene(taken, objects, order[:, :VIEWS_TOGETHER], mirrored)
+        self._hide_meshes(seen[0])
         return seen, truth, self.noise[objects].repeat_interleave(VIEWS_TOGETHER)
+
+    def _hide_meshes(self, channels: Tensor) -> None:
+        """Set the maps of one mesh to 0, in all views of a few clouds, as if it had failed.
+
+        channels  [B, C, S, S], with the views of a cloud one after the other
+        """
+        inputs = self.config.network.inputs
+        clouds, count = len(channels) // VIEWS_TOGETHER, len(inputs.meshes)
+        hides = torch.rand(clouds, 1, generator=self.random) < _HIDES
+        which = torch.randint(count, (clouds, 1), generator=self.random)
+        hidden = hides & (torch.arange(count) == which)  # [clouds, meshes]
+        shown = (
+            (~hidden).repeat_interleave(len(MAPS), dim=1).repeat_interleave(VIEWS_TOGETHER, dim=0)
+        )
+        channels[:, inputs.of_points :] *= shown[..., None, None].to(channels)
 
     def _maps(
         self, objects: NDArray[np.int64], views: NDArray[np.int64], mirrored: Tensor

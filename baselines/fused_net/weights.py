@@ -13,7 +13,7 @@ from data_prep.failures import BadInput
 from learning.weights import FILES, NetworkWeights
 
 PACKAGE = "baselines.fused_net"
-MESHES = ("denoised-wrap", "occupancy-net")  # methods whose meshes a fused-net can see, in order
+MESHES = ("occupancy-net", "upsampled-wrap")  # methods whose meshes a fused-net sees, in order
 
 
 def load_weights(name_or_path: str | Path = "all") -> NetworkWeights:
@@ -27,17 +27,9 @@ def load_weights(name_or_path: str | Path = "all") -> NetworkWeights:
     meshes = weights.network.config.inputs.meshes
     if not meshes:
         raise BadInput(f"{path}: the network sees no meshes; use it as splat-net@{path}")
-    check_meshes(meshes, str(path))
-    return weights
-
-
-def check_meshes(meshes: tuple[str, ...], where: str) -> None:
-    """Check that `meshes` has at least one name of MESHES, and no other, in their order.
-
-    Raises BadInput otherwise, with `where` at the beginning of the message.
-    """
-    if not meshes or meshes != tuple(name for name in MESHES if name in meshes):
+    if meshes != MESHES:
         raise BadInput(
-            f"{where}: meshes of {', '.join(meshes) or 'no method'}; choose from "
-            f"{', '.join(MESHES)}, in this order"
+            f"{path}: the network sees the meshes of {', '.join(meshes)}, and is shown those of "
+            f"{', '.join(MESHES)}; train it again"
         )
+    return weights

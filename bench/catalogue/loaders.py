@@ -28,8 +28,6 @@ BUNDLED = "chair"  # the name of the weights of pc2pix that its default variant 
 # tensors are the same, so that images drawn with the earlier files need not be drawn again.
 _GREY_FILES = {
     "6331efaaab8a": "0445cfb77209b1c073dd734f0fe6b3307884d28faf3f498a5d50375f5c589416",
-    "43900479f408": "d81ce265948ae583db8aec0a6d9d075a6602b1bcde7ab1db21b5685c17b6010c",
-    "e5be7a567f23": "bb4d03c1b3594fee5d69278ea889ffa4bc84b923a1a3cfbe0906c02088cc6b0a",
 }
 
 
@@ -109,15 +107,13 @@ OCCUPANCY_NET = _NetworkPackage(
 UPSAMPLER = _NetworkPackage(
     package="baselines.upsampler",
     libraries=("embreex", "pymeshlab", "scipy", "torch", "trimesh"),
-    version=1,
+    version=2,
     command="bench train upsampler",
 )
-# The network of fused-net also sees the meshes of denoised-wrap: increase its version with a change
-# of the code that changes these meshes, too.
 FUSED_NET = _NetworkPackage(
     package="baselines.fused_net",
     libraries=("embreex", "pymeshlab", "scikit-image", "scipy", "torch"),
-    version=8,
+    version=9,
     command="bench train fused-net",
     beside=(OCCUPANCY_NET, UPSAMPLER),
 )

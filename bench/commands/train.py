@@ -125,11 +125,7 @@ TRAININGS: dict[str, tuple[str, dict[str, str | OptionSpec]]] = {
         TRAIN_OPTIONS
         | _U_NET_OPTIONS
         | {
-            "meshes": OptionSpec(
-                "Methods whose meshes it sees, comma-separated: denoised-wrap, occupancy-net.",
-                convert=lambda text: names(text) or (),
-                default="denoised-wrap,occupancy-net",
-            ),
+            "turned": "Share of the objects that are turned at random, upside down too, 0 to 1.",
             "start": replace(_START, help=f"Splat-net's weights. {_START.help}"),
             "steps": "Steps in total; those done before the training was continued count, too. 0: "
             "only compute the meshes.",

@@ -8,10 +8,10 @@ from pathlib import Path
 from typing import Any
 
 from baselines.fused_net.config import FusedNetConfig
-from baselines.fused_net.data import FOLDER, fused_set, occupancy_weights
+from baselines.fused_net.data import FOLDER, fused_set, mesh_weights
 from baselines.fused_net.train import FusedNetTrainer
+from baselines.fused_net.weights import MESHES
 from baselines.fused_net.weights import PACKAGE as FUSED_NET
-from baselines.fused_net.weights import check_meshes
 from baselines.splat_net import weights as splat_net_weights
 from baselines.splat_net.config import SplatNetConfig
 from baselines.splat_net.losses import OBJECTIVES, FeatureMaps
@@ -26,6 +26,7 @@ from bench.training.session import (
     open_training_objects,
     run_training,
 )
+from data_prep.datasets.objects import TurnedObject
 from data_prep.datasets.registry import SceneObject
 from data_prep.datasets.training_set import SurfaceSet, add_surfaces, training_set
 from data_prep.failures import BadInput
@@ -60,9 +61,8 @@ def train_fused_net(options: Any) -> Path:
     With 0 steps nothing is trained: the maps that it would learn from are made, and their folder is
     returned.
     """
-    check_meshes(options.meshes, "--meshes")
     features = compared_features(options.objective, device=options.device)
-    inputs = replace(DEFAULT.inputs, meshes=options.meshes)
+    inputs = replace(DEFAULT.inputs, meshes=MESHES)
     network = replace(DEFAULT, inputs=inputs, heads=COLOUR_HEADS["image"])
     start = read_start(options.start, network, options.seed) if options.start else None
     config = configuration(
@@ -70,15 +70,14 @@ def train_fused_net(options: Any) -> Path:
         options,
         network=network,
         start=start.sha256 if start else None,
-        occupancy=occupancy_weights(options.meshes),
+        mesh_weights=mesh_weights(),
     )
-    objects = open_training_objects(options)
+    objects = _some_turned(open_training_objects(options), options.turned)
     surfaces = _surfaces(objects, options.views)
     with progress("meshes", len(objects), quiet=not is_first()) as advance:
         data = fused_set(
             surfaces,
             objects,
-            options.meshes,
             options.out,
             augment=options.augment,
             on_progress=lambda: advance(0),
@@ -88,6 +87,14 @@ def train_fused_net(options: Any) -> Path:
     more = {"start": start.network if start else None, "features": features}
     checkpoint = run_training(FusedNetTrainer, data, config, options, objects, **more)
     return _export_both(checkpoint, options.out, network, FUSED_NET)
+
+
+def _some_turned(objects: Sequence[SceneObject], share: float) -> tuple[SceneObject, ...]:
+    """Return the objects; so large a share of them, spread evenly, is turned at random."""
+    turned = [int((i + 1) * share) > int(i * share) for i in range(len(objects))]
+    return tuple(
+        TurnedObject(obj) if turn else obj for obj, turn in zip(objects, turned, strict=True)
+    )
 
 
 def _find_network(name: str) -> NetworkConfig:

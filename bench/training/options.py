@@ -102,7 +102,6 @@ OPTIONS: dict[str, type[Any]] = {
         FusedNetConfig,
         start=_START,
         views=(int, 4),
-        meshes=(tuple[str, ...], ("denoised-wrap", "occupancy-net")),
     ),
     "occupancy-net": _options_of("occupancy-net", OccupancyNetConfig),
     "upsampler": _options_of("upsampler", UpsamplerTrainingConfig),

@@ -7,13 +7,14 @@ from __future__ import annotations
 
 from abc import ABC, abstractmethod
 from collections.abc import Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from typing import ClassVar, Literal, Protocol
 
 import numpy as np
 from numpy.typing import NDArray
 
 from data_prep.clouds.sampling import random_views, sample_surface
+from data_prep.randomness import generator
 from data_prep.scene import CLOUD_SIZE, NEUTRAL_GREY, Mesh, PointCloud, View, in_one_colour
 
 Split = Literal["train", "validation", "test", "sealed", "novel-families"]
@@ -183,6 +184,23 @@ class GreyObject(RemadeObject):
     def load(self) -> Mesh:
         """Return the mesh of the original in grey."""
         return grey(self.original.load())
+
+
+class TurnedObject(RemadeObject):
+    """An object that is turned about the origin at random: it may stand on its head, or lie."""
+
+    def fingerprint(self) -> str:
+        """Return a text that differs from the fingerprint of the original."""
+        return f"turned {self.original.fingerprint()}"  # part of the keys of finished work
+
+    def load(self) -> Mesh:
+        """Return the turned mesh of the original; any rotation is as likely as any other."""
+        from scipy.spatial.transform import Rotation
+
+        mesh = self.original.load()
+        random = generator("turned", self.class_name, self.object_id)
+        turn = Rotation.random(random_state=random).as_matrix()
+        return replace(mesh, vertices=(mesh.vertices @ turn.T).astype(mesh.vertices.dtype))
 
 
 class ColouredCloudObject(RemadeObject):

@@ -21,6 +21,7 @@ from baselines.fused_net import weights as fused_net
 from baselines.fused_net.config import FusedNetConfig
 from baselines.fused_net.data import FusedSet
 from baselines.fused_net.train import FusedNetTrainer
+from baselines.fused_net.weights import MESHES
 from baselines.occupancy_net import weights as occupancy_net
 from baselines.occupancy_net.config import OccupancyNetConfig
 from baselines.occupancy_net.network import OccupancyConfig
@@ -56,7 +57,7 @@ CADENCE = Cadence(log=1, sheet=4, checkpoint=2)
 TINY = ModelConfig(width=0.0625, latent_dim=4)
 PAIRED = ModelConfig(width=0.0625, latent_dim=4, encoder="pointnet", azimuth="sine-cosine")
 SMALL = NetworkConfig(widths=(4, 6, 8, 10, 12))
-SMALL_FUSED = replace(SMALL, inputs=replace(SMALL.inputs, meshes=("denoised-wrap",)))
+SMALL_FUSED = replace(SMALL, inputs=replace(SMALL.inputs, meshes=MESHES))
 SMALL_UPSAMPLER = UpsamplerConfig(width=6, rounds=1)
 SMALL_OCCUPANCY = OccupancyConfig(resolution=8, widths=(4, 6), hidden=5, blocks=1)
 
@@ -108,7 +109,7 @@ def splat_net_parts(_):
 
 def make_fused(objects=3, views=2):
     """Objects with whole clouds but for the first, of 512 points; images and maps at random."""
-    shape = (objects, views, 5, 128, 128)
+    shape = (objects, views, 10, 128, 128)
     maps = np.random.default_rng(5).integers(0, 253, shape, dtype=np.uint8)
     counts, noise = np.full(objects, 2048), np.linspace(0, 0.1, objects, dtype=np.float32)
     counts[0] = 512

@@ -7,8 +7,9 @@ import pytest
 import torch
 
 from baselines.fused_net import data as fused_data
-from baselines.fused_net.data import decode, encode, fused_set, mirror, occupancy_weights
-from baselines.fused_net.renderer import ENOUGH
+from baselines.fused_net.data import decode, encode, fused_set, mesh_weights, mirror
+from baselines.fused_net.weights import MESHES
+from baselines.reconstruction.denoised import is_noisy
 from data_prep.datasets.registry import ProceduralObject
 from data_prep.datasets.training_set import SurfaceSet, training_set
 from data_prep.failures import BadInput
@@ -21,7 +22,6 @@ from learning.weights import FILES
 from .conftest import Failing, Truth
 
 OBJECTS = [ProceduralObject("chair", "train", i) for i in range(5)]
-MESHES = ("denoised-wrap", "occupancy-net")
 
 
 @pytest.fixture(scope="module")
@@ -33,7 +33,7 @@ def surfaces():
 @pytest.fixture
 def truth(monkeypatch):
     method = Truth()
-    monkeypatch.setattr(fused_data, "reconstructors", lambda names: dict.fromkeys(names, method))
+    monkeypatch.setattr(fused_data, "reconstructors", lambda: dict.fromkeys(MESHES, method))
     return method
 
 
@@ -59,7 +59,7 @@ def test_a_mirrored_map_is_that_of_the_mirrored_mesh():
 
 
 def test_clouds_are_degraded_each_by_its_own_chance(surfaces, truth, tmp_path):
-    data = fused_set(surfaces, OBJECTS, MESHES[:1], tmp_path)
+    data = fused_set(surfaces, OBJECTS, tmp_path)
     assert set(data.counts.tolist()) <= set(POINTS_SEEN)
     assert len(set(data.counts.tolist())) > 1
     assert (data.noise == 0).any()
@@ -71,11 +71,11 @@ def test_clouds_are_degraded_each_by_its_own_chance(surfaces, truth, tmp_path):
     # neither the other objects nor their order matter
     third = {name: values[[3]] for name, values in vars(surfaces.seen).items()}
     fewer = replace(surfaces, seen=replace(surfaces.seen, **third))
-    alone = fused_set(fewer, OBJECTS[3:4], MESHES[:1], tmp_path / "alone")
+    alone = fused_set(fewer, OBJECTS[3:4], tmp_path / "alone")
     np.testing.assert_array_equal(alone.surfaces.seen.clouds[0], data.surfaces.seen.clouds[3])
     assert (alone.counts[0], alone.noise[0]) == (data.counts[3], data.noise[3])
     np.testing.assert_array_equal(alone.maps[0], data.maps[3])
-    whole = fused_set(surfaces, OBJECTS, MESHES[:1], tmp_path / "whole", augment=False)
+    whole = fused_set(surfaces, OBJECTS, tmp_path / "whole", augment=False)
     np.testing.assert_array_equal(whole.surfaces.seen.clouds, surfaces.seen.clouds)
     assert (whole.counts.min(), whole.noise.max()) == (2048, 0)
 
@@ -83,10 +83,11 @@ def test_clouds_are_degraded_each_by_its_own_chance(surfaces, truth, tmp_path):
 def test_maps_are_kept_and_those_of_others_refused(surfaces, truth, tmp_path, monkeypatch):
     monkeypatch.setattr(fused_data, "TOGETHER", 2)
     done = []
-    data = fused_set(surfaces, OBJECTS, MESHES, tmp_path, on_progress=lambda: done.append(1))
+    data = fused_set(surfaces, OBJECTS, tmp_path, on_progress=lambda: done.append(1))
     assert len(done) == 5
-    meshes_of = 1 + (data.counts < ENOUGH)
-    assert set(meshes_of) == {1, 2}
+    clouds = zip(data.surfaces.seen.clouds, data.counts, strict=True)
+    meshes_of = np.array([1 if is_noisy(cloud[:count]) else 2 for cloud, count in clouds])
+    assert set(meshes_of) == {1, 2}  # the mesh of upsampled-wrap is not made of noisy clouds
     assert truth.calls == meshes_of.sum()
     names = [path.name for path in sorted((tmp_path / "maps").iterdir())]
     assert names == ["000000.safetensors", "000002.safetensors", "000004.safetensors"]
@@ -94,33 +95,30 @@ def test_maps_are_kept_and_those_of_others_refused(surfaces, truth, tmp_path, mo
     for i, meshes in enumerate(meshes_of):
         angles = View(seen.azimuth_deg[i, 1], seen.elevation_deg[i, 1])
         (expected,) = surface_maps(truth.prepare(None).mesh, [angles])
-        first = expected if meshes == 2 else np.zeros_like(expected)
-        np.testing.assert_array_equal(data.maps[i, 1], encode(np.concatenate([first, expected])))
+        second = expected if meshes == 2 else np.zeros_like(expected)
+        np.testing.assert_array_equal(data.maps[i, 1], encode(np.concatenate([expected, second])))
     truth.calls = 0
     (tmp_path / "maps" / names[1]).unlink()
-    again = fused_set(surfaces, OBJECTS, MESHES, tmp_path)
+    again = fused_set(surfaces, OBJECTS, tmp_path)
     assert truth.calls == meshes_of[2:4].sum()
     np.testing.assert_array_equal(again.maps, data.maps)
 
-    refused = pytest.raises(BadInput, match=r"000000.*are of other clouds, views, meshes")
+    refused = pytest.raises(BadInput, match=r"000000.*are of other clouds or views, or of")
     turned = replace(surfaces, seen=replace(seen, azimuth_deg=seen.azimuth_deg + 1))
-    for others, meshes, augment in (
-        (turned, MESHES, True),
-        (surfaces, MESHES[::-1], True),
-        (surfaces, MESHES, False),
-    ):
+    for others, augment in ((turned, True), (surfaces, False)):
         with refused:
-            fused_set(others, OBJECTS, meshes, tmp_path, augment=augment)
-    assert occupancy_weights(MESHES) == file_sha256(FILES["baselines.occupancy_net"].find("all"))
-    monkeypatch.setattr(fused_data, "occupancy_weights", lambda meshes: "other")
+            fused_set(others, OBJECTS, tmp_path, augment=augment)
+    files = [FILES[f"baselines.{name}"].find("all") for name in ("occupancy_net", "upsampler")]
+    assert mesh_weights() == " ".join(map(file_sha256, files))
+    monkeypatch.setattr(fused_data, "mesh_weights", lambda: "other")
     with refused:
-        fused_set(surfaces, OBJECTS, MESHES, tmp_path)
+        fused_set(surfaces, OBJECTS, tmp_path)
 
 
 def test_a_mesh_that_fails_gives_empty_maps(surfaces, tmp_path, monkeypatch):
-    methods = {"denoised-wrap": Failing(), "occupancy-net": Truth()}
-    monkeypatch.setattr(fused_data, "reconstructors", lambda names: methods)
-    data = fused_set(surfaces, OBJECTS, MESHES, tmp_path)
+    methods = dict(zip(MESHES, (Truth(), Failing()), strict=True))
+    monkeypatch.setattr(fused_data, "reconstructors", lambda: methods)
+    data = fused_set(surfaces, OBJECTS, tmp_path)
     maps = decode(torch.from_numpy(data.maps))
-    assert (maps[:, :, :5] == 0).all()
-    assert (maps[:, :, 5] == 1).any(dim=-1).any(dim=-1).all()
+    assert (maps[:, :, 5:] == 0).all()
+    assert (maps[:, :, 0] == 1).any(dim=-1).any(dim=-1).all()

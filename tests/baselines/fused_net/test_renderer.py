@@ -6,6 +6,7 @@ import numpy as np
 import pytest
 import torch
 
+from baselines.fused_net.renderer import FusedNetRenderer
 from baselines.fused_net.weights import MESHES
 from baselines.splat_net.network import SplatNet
 from baselines.splat_net.projection import Projection, cameras
@@ -54,44 +55,28 @@ def test_a_mesh_that_fails_is_noted(cloud):
     net = network(MESHES)
     renderer = fused(net, dict(zip(MESHES, (Failing(), Truth()), strict=True)))
     notes = renderer.prepare(cloud).notes
-    assert notes == ("denoised-wrap: no mesh, alpha-wrap: no faces", "occupancy-net: known")
+    assert notes == ("occupancy-net: no mesh, alpha-wrap: no faces", "upsampled-wrap: known")
 
 
-@pytest.mark.parametrize(
-    ("points", "last", "seen"),
-    [
-        (1024, Truth, ["occupancy-net"]),
-        (1023, Truth, ["denoised-wrap", "occupancy-net"]),
-        (1024, Failing, ["denoised-wrap"]),
-    ],
-)
-def test_the_last_mesh_is_enough_for_many_points(points, last, seen):
-    renderer = fused(network(MESHES), dict(zip(MESHES, (Truth(), last()), strict=True)))
-    sampled = ProceduralObject("chair", "validation", 0).cloud(np.random.default_rng(0), points)
-    state = renderer.prepare(PointCloud(np.concatenate([sampled.points, sampled.points[:9]])))
-    assert [n for n, mesh in zip(MESHES, state.meshes, strict=True) if len(mesh.faces)] == seen
-    assert [note.partition(":")[0] for note in state.notes if note.endswith("known")] == seen
-
-
-def test_the_real_methods_fail_on_a_point_and_it_is_drawn():
-    renderer = fused(net := network(("denoised-wrap",)), {"denoised-wrap": Truth()})
-    renderer = type(renderer)(NetworkWeights(net, {}, ""))
+def test_a_real_method_fails_on_a_point_and_it_is_drawn():
+    net = network(MESHES)
+    renderer = FusedNetRenderer(NetworkWeights(net.eval(), {}, ""))
     point = PointCloud([[0.1, 0.0, 0.0]])
     state = renderer.prepare(point)
-    assert state.notes == ("denoised-wrap: no mesh, input: 1 points; surfaces need at least 11",)
-    np.testing.assert_allclose(
-        renderer.draw(state, VIEWS), draw(without_meshes(net), point), rtol=0, atol=1e-5
-    )
+    assert state.notes == ("upsampled-wrap: no mesh, input: 1 points; surfaces need at least 11",)
+    methods = {"occupancy-net": renderer.methods["occupancy-net"], "upsampled-wrap": Failing()}
+    expected = draw(fused(net, methods), point)
+    np.testing.assert_array_equal(renderer.draw(state, VIEWS), expected)
 
 
 @pytest.mark.parametrize("size", [128, 64])
 def test_images_are_the_networks(cloud, size):
     """The mesh of the whole chair, and a cloud of one half of it: both are seen."""
     half = PointCloud(cloud.points[cloud.points[:, 1] > 0.1])
-    net = network(MESHES[:1])
-    renderer = fused(net, {MESHES[0]: Truth()})
+    net = network(MESHES)
+    renderer = fused(net, dict.fromkeys(MESHES, Truth()))
     state = renderer.prepare(half)
-    maps = torch.from_numpy(surface_maps(state.meshes[0], VIEWS, size))
+    maps = torch.from_numpy(surface_maps(state.meshes[0], VIEWS, size)).repeat(1, 2, 1, 1)
     assert maps[:, 0, : size // 2].any()
     seen = Projection(state.surfels, cameras(VIEWS), net.config.inputs, size, maps)
     expected = renderer.splats.at_size(size).engine(seen.whole()).numpy()
@@ -104,8 +89,8 @@ def test_channels_of_points_are_those_without_meshes(cloud):
     plain = replace(inputs, meshes=())
     assert inputs.names[: plain.channels] == plain.names
     assert inputs.names[-10:-5] == (
-        *("mesh denoised-wrap coverage", "mesh denoised-wrap nearness"),
-        *(f"mesh denoised-wrap normal {axis}" for axis in "xyz"),
+        *("mesh occupancy-net coverage", "mesh occupancy-net nearness"),
+        *(f"mesh occupancy-net normal {axis}" for axis in "xyz"),
     )
     surfels = stack([find_surfels(cloud.points)])
     maps = torch.rand(len(VIEWS), 10, 128, 128)
@@ -123,8 +108,7 @@ def test_channels_of_points_are_those_without_meshes(cloud):
 def test_a_clean_cloud_of_many_points_is_drawn_as_its_mesh():
     mesh = ProceduralObject("chair", "validation", 0).load()
     many = sample_surface(mesh, np.random.default_rng(0), 5000)
-    renderer = fused(network(MESHES[:1]), {MESHES[0]: Truth()})
-    renderer._upsampled = Truth()  # in place of upsampled-wrap, which would take seconds
+    renderer = fused(network(MESHES), dict.fromkeys(MESHES, Truth()))
     state = renderer.prepare(many)
     grey = in_one_colour(mesh, NEUTRAL_GREY)
     for size in (128, 200):
@@ -142,8 +126,8 @@ def test_a_clean_cloud_of_many_points_is_drawn_as_its_mesh():
 def test_an_albedo_colours_the_mesh_of_many_points_and_leaves_its_coverage():
     mesh = ProceduralObject("chair", "validation", 0).load()
     many = sample_surface(mesh, np.random.default_rng(0), 5000)
-    renderer = fused(network(MESHES[:1], heads=("grey", "albedo")), {MESHES[0]: Truth()})
-    renderer._upsampled = Truth()
+    heads = ("grey", "albedo")
+    renderer = fused(network(MESHES, heads=heads), dict.fromkeys(MESHES, Truth()))
     state = renderer.prepare(many)
     covered = surface_maps(mesh, VIEWS, 160)[:, 0]
     np.testing.assert_array_equal(renderer.coverage(state, VIEWS, 160), covered)
@@ -157,9 +141,8 @@ def test_the_mesh_of_noisy_points_is_seen_and_not_drawn_alone():
     rng = np.random.default_rng(0)
     points = sample_surface(mesh, rng, 20_000).points
     noisy = PointCloud(points + rng.normal(scale=0.012, size=points.shape).astype(np.float32))
-    renderer = fused(network(MESHES[:1]), {MESHES[0]: Failing()})
-    renderer._upsampled = Truth()
+    renderer = fused(network(MESHES), dict(zip(MESHES, (Failing(), Truth()), strict=True)))
     state = renderer.prepare(noisy)
-    assert len(state.meshes[0].faces) == len(mesh.faces)
+    assert len(state.meshes[-1].faces) == len(mesh.faces)
     true = draw_mesh(in_one_colour(mesh, NEUTRAL_GREY), VIEWS) / 255
     assert np.abs(renderer.draw(state, VIEWS) - true).mean() > 0.02

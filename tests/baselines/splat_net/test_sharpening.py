@@ -13,7 +13,7 @@ from data_prep.datasets.registry import ProceduralObject
 from data_prep.rendering.raycast import cast, surface_maps
 from data_prep.scene import View
 
-INPUTS = Inputs(noise=True, meshes=("first", "second"))
+INPUTS = Inputs(noise=True, meshes=("first", "upsampled-wrap"))
 CLEAN, NOISY = 0.30, 0.38  # medians of the variation
 FACING = 1 - NEUTRAL  # darkness of a grey face towards the camera
 SMOOTH, CREASE, OUTLINE, OUTSIDE = 8, 12, 31, 40  # columns
@@ -96,22 +96,31 @@ def test_a_mesh_where_nothing_is_drawn_does_not_show():
     assert taken(channels, drawn, OUTLINE) == pytest.approx(expected, abs=1e-6)
 
 
-def test_an_image_takes_from_the_last_mesh_that_it_shows():
-    channels, drawn = scene(crease=60)
-    second = INPUTS.of_points + 5
-    channels = channels.repeat(2, 1, 1, 1)
-    channels[1, second : second + 5] = channels[1, second - 5 : second]
-    channels[1, second + 4] *= 0.9
-    alpha, darkness = take_meshes(drawn.repeat(2, 1, 1, 1), channels, INPUTS)[:, :, 16, CREASE].T
-    levels = 255 * NEUTRAL * (1 - 0.9 ** (1 / 2.2))  # that the second mesh is darker by
-    share = math.exp(-((levels / 20) ** 2))
-    expected = [NEUTRAL, NEUTRAL - share * levels / 255]
-    assert (1 - alpha * darkness).tolist() == pytest.approx(expected, abs=1e-6)
+@pytest.mark.parametrize(
+    ("points", "noise", "part"),
+    [(2048, CLEAN, 1), (5000, CLEAN, 1), (1280, CLEAN, 0.5), (512, CLEAN, 0), (2048, NOISY, 0)],
+)
+@pytest.mark.parametrize("column", [SMOOTH, OUTLINE])
+def test_of_an_exact_mesh_even_sides_are_taken_where_points_are_many_and_clean(
+    points, noise, part, column
+):
+    channels, drawn = scene(noise)
+    channels[:, INPUTS.of_points + 5 :] = channels[:, INPUTS.of_points : -5]
+    channels[:, INPUTS.of_points : -5] = 0  # the first mesh was not made
+    # The points lie in a hundred pixels, which have log(1 + n) of n points each.
+    channels[:, INPUTS.names.index("density in 1"), 0, :100] = math.log(1 + points / 100)
+    drawn[:, 1] += 30 / 255
+    width = 50 if column == OUTLINE else 30
+    mesh = NEUTRAL - 40 / 255 * (column == OUTLINE)
+    share = part * math.exp(-((30 / width) ** 2))
+    expected = mesh - (1 - share) * 30 / 255
+    assert taken(channels, drawn, column) == pytest.approx(expected, abs=1e-5)
 
 
 def test_without_a_mesh_in_sight_it_is_what_the_network_draws():
     channels, _ = scene()
     channels[:, INPUTS.of_points :] = 0
+    channels[:, INPUTS.names.index("density in 1")] = 1
     # Where alpha is next to nothing, no darkness is seen.
     drawn = 0.1 + 0.9 * torch.rand(1, 2, 32, 128, generator=torch.Generator().manual_seed(0))
     torch.testing.assert_close(take_meshes(drawn, channels, INPUTS), drawn, rtol=0, atol=1e-6)

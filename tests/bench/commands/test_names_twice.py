@@ -31,7 +31,6 @@ CASES = {
     "check run run --claims --methods splat,splat": "check run --claims --methods splat",
     "add splat,splat of-stability": "add splat of-stability",
     "render cloud.xyz -o a.png --method splat,splat": "render cloud.xyz -o a.png --method splat",
-    "train fused-net --meshes poisson,poisson": "train fused-net --meshes poisson",
     "train autoencoder --objects 1 --class hat,hat": "train autoencoder --objects 1 --class hat",
 }
 

@@ -299,7 +299,7 @@ CASES: dict[str, str] = {
     # --- trainings
     "train splat-net --network huge": "--network: unknown 'huge'; choose one of default, points2pi",
     "train splat-net --objective l2": "objective: unknown 'l2'; choose one of l1, l1-patch",
-    "train fused-net --meshes poisson": "--meshes: meshes of poisson; choose from denoised-wrap, ",
+    "train fused-net --turned 1.5": "turned 1.5: a share of the objects lies within 0 to 1",
     "train fused-net --start nosuch": "weights: 'nosuch' is neither a bundled name",
     "train splat-net --start chair --network points2pix": "--start chair: these are weights of sp",
     "train splat-net --batch 7": "batch 7: 2 views of a cloud are drawn together; use a multiple o",

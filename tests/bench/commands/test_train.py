@@ -88,7 +88,7 @@ def test_splat_net_from_the_command_line_to_a_method(command, tmp_path):
 
 def test_fused_net_from_the_command_line_to_a_method(command, tmp_path):
     """The meshes alone, then a step that starts from splat-net; both files are methods."""
-    options = ("--views", "2", "--batch", "4", "--cool-down", "1", "--meshes", "denoised-wrap")
+    options = ("--views", "2", "--batch", "4", "--cool-down", "1", "--turned", "0.5")
     clean = (*options, "--no-augment")
     maps = trained(command, tmp_path, "fused-net", *clean, "--steps", "0")
     (kept,) = maps.iterdir()
@@ -99,8 +99,7 @@ def test_fused_net_from_the_command_line_to_a_method(command, tmp_path):
         method = find_method(f"fused-net@{file.with_name(name)}.safetensors")
         renderer = method.load("cpu")
         assert renderer.weights.network.config.heads == heads
-        assert tuple(renderer.methods) == ("denoised-wrap",)
-        assert renderer.weights.card["occupancy"] == ""
+        assert renderer.weights.card["turned"] == 0.5
         assert renderer.weights.sha256 in method.identity()
         for beside in ("occupancy-net", "upsampled-wrap"):
             assert find_method(beside).identity() in method.identity()

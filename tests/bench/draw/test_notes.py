@@ -57,6 +57,6 @@ def test_what_was_smoothed_and_what_has_no_mesh_is_said(command, tmp_path):
     assert noise.startswith(f"note: {fog}: denoised-wrap: noise: 0.")
     assert smoothed.startswith(f"note: {fog}: denoised-wrap: smoothed: 2 times over ")
     assert notes_of(command("render", nine)[2])[0] == (
-        f"note: {nine}: fused-net@grey: denoised-wrap: no mesh, input: 9 points; surfaces need at "
-        "least 11"
+        f"note: {nine}: fused-net@grey: upsampled-wrap: no mesh, input: 9 points; surfaces need "
+        "at least 11"
     )

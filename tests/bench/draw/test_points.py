@@ -244,7 +244,7 @@ def test_a_smoothed_cloud_and_a_mesh_that_was_not_made_are_warned_of():
     ]
     _, warned = warnings_of(lambda: bench.draw_cloud(MANY[:9], method="fused-net@grey"))
     assert any(
-        line.startswith("fused-net@grey: denoised-wrap: no mesh, input: 9 ") for line in warned
+        line.startswith("fused-net@grey: upsampled-wrap: no mesh, input: 9 ") for line in warned
     )
 
 
