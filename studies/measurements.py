@@ -116,6 +116,12 @@ MEASUREMENTS: Mapping[str, QuotedRun] = {
         FIRST,
         (("tails", "real-meshes-grey-tails"),),
     ),
+    "real-meshes-fused": QuotedRun(
+        f"{_ON_MESHES} --truth grey --metrics invented-holes,invented-parts "
+        "--methods denoised-wrap,upsampled-wrap,fused-net@grey",
+        metrics=FIRST,
+        copied=(("tails", "real-meshes-fused-tails"),),
+    ),
     "real-meshes-coloured": QuotedRun(
         f"{_REAL} --conditions 2048,noise-0.10 --views 4 --methods alpha-wrap,denoised-wrap,"
         "splat-fill,occupancy-net,pc2pix@all,splat-net,splat-net@grey,fused-net,blank",
