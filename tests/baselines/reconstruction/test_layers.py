@@ -5,7 +5,13 @@ from __future__ import annotations
 import numpy as np
 import pytest
 
-from baselines.reconstruction.denoised import NOISY, cleaned, noise_scale
+from baselines.reconstruction.denoised import (
+    NOISY,
+    PATCHES,
+    cleaned,
+    noise_in_patches,
+    noise_scale,
+)
 from baselines.reconstruction.layers import in_layers
 from baselines.reconstruction.stages import Nearest, spacing
 from data_prep.scene import PointCloud
@@ -13,9 +19,9 @@ from tests.baselines.clouds import RADIUS, lattice_sphere
 
 
 def boards(count: int, apart: float) -> np.ndarray:
-    """Points of three boards above each other, so far apart."""
+    """Points of six boards above each other, so far apart."""
     rng = np.random.default_rng(1)
-    levels = rng.choice([-apart, 0, apart], count)
+    levels = apart * rng.integers(6, size=count)
     return np.column_stack([rng.uniform(-0.7, 0.7, (count, 2)), levels])
 
 
@@ -26,13 +32,19 @@ def shells(count: int, apart: float) -> np.ndarray:
     return points
 
 
-@pytest.mark.parametrize(("shape", "count"), [(boards, 512), (boards, 2048), (shells, 2048)])
-def test_layers_a_spacing_apart_are_no_noise(shape, count: int) -> None:
-    apart = spacing(Nearest(shape(count, 0.0)))
-    near = Nearest(shape(count, apart))
+@pytest.mark.parametrize("count", [512, 2048])
+def test_layers_a_spacing_apart_are_no_noise(count: int) -> None:
+    near = Nearest(boards(count, spacing(Nearest(boards(count, 0.0)))))
+    distance, index = near.within(PATCHES[0])
+    thickness, _ = noise_in_patches(near.points, distance[:, -1], index)
+    assert thickness > NOISY * spacing(near)  # which would be smoothed
     assert in_layers(near)
-    assert noise_scale(near) <= NOISY * spacing(near)
+    assert noise_scale(near) == 0
     assert cleaned(PointCloud(near.points), 1.0).noise == 0
+
+
+def test_curved_layers() -> None:
+    assert in_layers(Nearest(shells(2048, spacing(Nearest(shells(2048, 0.0))))))
 
 
 @pytest.mark.parametrize("share", [0.6, 1.0, 3.0])
