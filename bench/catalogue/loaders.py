@@ -104,6 +104,8 @@ OCCUPANCY_NET = _NetworkPackage(
     version=3,
     command="bench train occupancy-net",
 )
+# This network and fused-net also depend on the estimate of noise in baselines.reconstruction:
+# increase their versions with a change of the code that changes it, too.
 UPSAMPLER = _NetworkPackage(
     package="baselines.upsampler",
     libraries=("embreex", "pymeshlab", "scipy", "torch", "trimesh"),

@@ -42,9 +42,9 @@ def test_every_method_has_a_measured_cost():
     listed = {method.id for method in (*METHODS, *COST_VARIANTS)}
     assert {*TABLE} | SAME_SIZE | {"open3d-poisson"} == listed
     for measured in TABLE.values():
+        assert measured.further_view_ms > 0
         # An image of `blank` is nothing but memory, and that of twenty is paged in for each call.
-        if measured.method != "blank":
-            assert 0 < measured.further_view_ms < measured.one_view_ms
+        assert measured.further_view_ms < measured.one_view_ms or measured.method == "blank"
         assert measured.cloud_ms(1) == measured.one_view_ms
         assert measured.cloud_ms(3) == measured.one_view_ms + 2 * measured.further_view_ms
 
