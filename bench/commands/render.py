@@ -245,14 +245,11 @@ def check(options: RenderOptions, out: Path) -> None:
     if options.points is not None and options.points < 1:
         raise BadInput(f"--points {options.points}: must be at least 1")
     is_sheet = len(options.methods) > 1
-    if is_sheet and size != IMAGE_SIZE:
-        raise BadInput(
-            f"--size {size}: a sheet of several methods has a fixed size; give one method, or "
-            "leave out --size"
-        )
     images = views
     if views == 1 and is_turntable and options.camera is None:
         images = options.frames or _FRAMES
+    if is_sheet:
+        images *= 1 + len(options.methods)  # the first tile shows the points
     if images * size**2 > _MOST_PIXELS:
         raise BadInput(
             f"--size {size}: at most {int((_MOST_PIXELS / images) ** 0.5)} with {images} images; "
@@ -441,7 +438,7 @@ def render(clouds: Sequence[Path], options: RenderOptions) -> _RenderResult:
         failed[cloud] = [str(unusable)] if unusable else _failures(file, drawn, named=not alone)
         used |= {request.method: None for request in drawn if isinstance(request, Drawing)}
         if unusable is None and len(failed[cloud]) < len(drawings):
-            frames, shot = _finished(drawn), shots[cloud]
+            frames, shot = _finished(drawn, size), shots[cloud]
             for i, image in enumerate(shot):
                 write_images(frames if len(shot) == 1 else frames[i : i + 1], image)
             written.add(cloud)
@@ -534,8 +531,11 @@ def _draw_all(
                 yield file, in_order, tuple(dict.fromkeys(lines))
 
 
-def _finished(drawn: Mapping[Wanted, Drawn]) -> NDArray[np.uint8]:
-    """Return the images to write, uint8: those of the only method, or a sheet of all methods."""
+def _finished(drawn: Mapping[Wanted, Drawn], size: int) -> NDArray[np.uint8]:
+    """Return the images to write, uint8: those of the only method, or a sheet of all methods.
+
+    size  width and height of the image of a method, in pixels
+    """
     if len(drawn) == 1:
         (images,) = drawn.values()
         assert isinstance(images, np.ndarray)
@@ -545,7 +545,9 @@ def _finished(drawn: Mapping[Wanted, Drawn]) -> NDArray[np.uint8]:
         assert not isinstance(images, BadInput)
         label = visible(drawing.method) if isinstance(drawing, Drawing) else CLOUD
         tiles.append(Tile(label, visible(images.reason) if isinstance(images, Failed) else images))
-    return draw_sheet(tiles, columns_of(len(tiles)), _SHEET_SCALE)
+    # Images of the usual size are small beside their labels; larger ones are shown as they are.
+    scale = 1 if size > IMAGE_SIZE else _SHEET_SCALE
+    return draw_sheet(tiles, columns_of(len(tiles)), scale, size)
 
 
 @options_from_dataclass(
@@ -571,7 +573,7 @@ def render_clouds(
     Some methods use fewer, chosen at random: occupancy-net 2,048, pc2pix 8 x 1,024, fused-net,
     splat-net, denoised-wrap, upsampled-wrap and splat-fill 8,192, alpha-wrap 32,768. Notes on
     stderr say how many, and what else a method did to the points. Surface reconstruction of 100,000
-    points takes about half a minute, surface-fit less; --points takes fewer.
+    points takes about half a minute, poisson of 50,000 over two; --points takes fewer.
     """
     allow_modules(options.method or ())
     result = render(clouds, options)

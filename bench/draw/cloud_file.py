@@ -19,7 +19,7 @@ from bench.draw.mesh_file import (
     with_textures,
     with_values,
 )
-from bench.draw.orientation_hints import looks_like_a_line, looks_lying
+from bench.draw.orientation_hints import lies_on_a_map, looks_like_a_line, looks_lying
 from bench.draw.value_colours import HEIGHT, ValueScale, column_of, no_column, scale_of
 from data_prep.clouds.coarse_steps import note_on_steps
 from data_prep.clouds.far_points import far_points, note_on_far
@@ -131,7 +131,7 @@ class CloudFile:
         kept, has_far, of_far = self._kept_rows(points)
         notes += of_far
         cloud, place = self._scaled(points[kept])
-        on_shape = [*self._notes_on_shape(cloud, has_far and not self.drop_far)]
+        on_shape = [*self._notes_on_shape(cloud, place, has_far and not self.drop_far)]
         colors = None if contents.colors is None else contents.colors[kept]
         if contents.values is not None:
             # The height has the range of all the mesh, whose tips the points may miss.
@@ -227,15 +227,19 @@ class CloudFile:
             "them out with --drop-invalid"
         )
 
-    def _notes_on_shape(self, cloud: PointCloud, has_far: bool) -> Iterator[str]:
+    def _notes_on_shape(self, cloud: PointCloud, place: Placement, has_far: bool) -> Iterator[str]:
         """Yield a note where columns or axes of the file seem to be mistaken for others.
 
+        place    where the unit sphere of the cloud lies in the file
         has_far  whether some points are far from the rest; the rest is then so small in the cloud
                  that its shape tells nothing
         """
         if not has_far and looks_like_a_line(cloud):
             yield "its points lie on a line; check which columns are x, y and z"
-        if self.up_unknown and (self.path.suffix.lower() in _Z_UP or looks_lying(cloud)):
+        if not self.up_unknown:
+            return
+        of_a_survey = self.path.suffix.lower() in _Z_UP
+        if of_a_survey or lies_on_a_map(place) or looks_lying(cloud):
             yield "its z axis seems to point up; give --up z, or --up y if it does not"
 
     def _mesh_itself(self, contents: CloudContents) -> tuple[Mesh, Placement, Notes]:

@@ -78,7 +78,7 @@ def enlarged(share: NDArray[np.float32], size: int) -> NDArray[np.float32]:
 
 @dataclass(frozen=True, eq=False)
 class Tile:
-    """A label with an image for each frame, [F, 128, 128, 3], or with the reason of a failure."""
+    """A label with an image for each frame, [F, S, S, 3], or with the reason of a failure."""
 
     label: str
     images: UInt8Images | str
@@ -90,18 +90,21 @@ def columns_of(count: int) -> int:
     return -(-count // max(rows, 1))
 
 
-def draw_sheet(tiles: Sequence[Tile], columns: int, scale: int) -> UInt8Images:
+def draw_sheet(
+    tiles: Sequence[Tile], columns: int, scale: int, size: int = IMAGE_SIZE
+) -> UInt8Images:
     """Return frames uint8 [F, H, W, 3] that show the tiles row by row, each under its label.
 
     columns  the number of tiles in a row
     scale    how many pixels wide and high a pixel of the images becomes
+    size     width and height of an image in pixels; smaller images get larger pixels
 
     Where a tile has a reason, it stands in place of the images, as far as it fits. A sheet without
     any image has one frame. Raises ValueError where tiles have different numbers of frames.
     """
     from PIL import Image, ImageDraw
 
-    side = scale * IMAGE_SIZE
+    side = scale * size
     wide, high = side + MARGIN, side + LABEL_HEIGHT + MARGIN
     page = Image.new("RGB", (MARGIN + columns * wide, MARGIN + -(-len(tiles) // columns) * high))
     draw = ImageDraw.Draw(page)
@@ -127,8 +130,8 @@ def draw_sheet(tiles: Sequence[Tile], columns: int, scale: int) -> UInt8Images:
     for tile, (left, top) in zip(tiles, corners, strict=True):
         if not isinstance(tile.images, str):
             low = top + LABEL_HEIGHT
-            enlarged = tile.images.repeat(scale, axis=1).repeat(scale, axis=2)
-            frames[:, low : low + side, left : left + side] = enlarged
+            nearest = np.arange(side) * tile.images.shape[1] // side
+            frames[:, low : low + side, left : left + side] = tile.images[:, nearest][:, :, nearest]
     return frames
 
 

@@ -47,7 +47,7 @@ _BY_START = {
         "--size 512px": "--size 512px: not a whole number of pixels; give a number",
         "--size 1000 -o a.gif": "--size 1000: at most 965 with 36 images; give a sm",
         "--size 2048 --azimuth 1,2,3,4,5,6,7,8,9": "--size 2048: at most 1930 with 9 i",
-        "--size 64 --method splat,blank": "--size 64: a sheet of several methods has ",
+        "--size 2048 --method splat,blank --azimuth 1,2,3": "--size 2048: at most 1930 with 9 i",
         "--background black": "Invalid value for '--background': 'black' is not one of ",
         "--background transparent -o a.gif": "a.gif: a GIF cannot have transparent",
         "--background transparent -o a.jpg": "a.jpg: a JPEG cannot have transparent",

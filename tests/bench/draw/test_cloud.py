@@ -332,6 +332,17 @@ def test_a_sheet_shows_the_cloud_and_every_method(command, plugins, cloud, tmp_p
     assert [tuple(tile[0, 0]) for tile in failed] == [PROBLEM_GROUND] * 2
 
 
+def test_a_sheet_has_images_of_the_size_asked_for(command, cloud, tmp_path):
+    out = tmp_path / "sheet.png"
+    command("render", cloud, "--method", "splat,blank", "--size", "200", "-o", out)
+    top = MARGIN + LABEL_HEIGHT
+    pixels = np.asarray(Image.open(out))
+    assert pixels.shape == (top + 200 + MARGIN, 3 * (200 + MARGIN) + MARGIN, 3)
+    tile = pixels[top : top + 200, 200 + 2 * MARGIN :][:, :200]
+    drawing = Drawing("splat", (View(30.0, 20.0),), size=200)
+    assert np.array_equal(tile, draw_in_process(CloudFile(cloud, as_is=False).load(), drawing)[0])
+
+
 def test_the_remedy_is_named_where_points_may_be_too_many(cloud):
     whole, some = CloudFile(cloud, as_is=True), CloudFile(cloud, as_is=True, most=9)
     late = Failed("timeout: no result within 120 s")

@@ -7,8 +7,8 @@ import numpy as np
 import pytest
 
 from bench.draw.cloud_file import CloudFile
-from bench.draw.orientation_hints import looks_like_a_line, looks_lying
-from data_prep.clouds.normalise import normalise
+from bench.draw.orientation_hints import lies_on_a_map, looks_like_a_line, looks_lying
+from data_prep.clouds.normalise import Placement, normalise
 from data_prep.clouds.sampling import sample_surface
 from data_prep.datasets.registry import open_dataset
 from data_prep.files.clouds import save_ply
@@ -55,6 +55,33 @@ def test_a_note_where_the_up_axis_is_a_guess(tables, tmp_path):
     assert CloudFile(path, as_is=False, up="z").load_with_notes()[1] == ()
 
 
+def test_what_would_tip_over_lies():
+    """A lamp without any symmetry: a wide foot at z = 0, and a head above one of its corners.
+
+    With z up the centroid is above the foot. With y up the head is lowest, and the centroid is
+    beside it.
+    """
+    rng = np.random.default_rng(0)
+    foot = np.c_[rng.uniform(-1, 1, (600, 1)), rng.uniform(0, 1.5, (600, 1)), np.zeros((600, 1))]
+    head = [-0.8, -0.3, 2.0] + rng.uniform(0, 0.3, (300, 3)) * [1, 2, 1]
+    lamp = np.concatenate([foot, head])
+    assert looks_lying(PointCloud(lamp.astype("f4")))
+    assert not looks_lying(PointCloud(lamp[:, [0, 2, 1]].astype("f4")))  # y up
+
+
+@pytest.mark.parametrize(
+    ("centre", "far"),
+    [
+        ((500_123, 5_412_345, 312), True),  # an easting, a northing and a height, in metres
+        ((500_123, 312, 5_412_345), False),
+        ((0, 0, 5_412_345), False),
+        ((500, 900, 12), False),  # fewer than 100 radii
+    ],
+)
+def test_coordinates_of_maps_have_z_up(centre, far):
+    assert lies_on_a_map(Placement(np.array(centre, float), radius=8.0)) is far
+
+
 def test_a_note_where_all_points_lie_on_a_line(tmp_path):
     times, depths = np.linspace(0, 1, 50) ** 2 * 1e6, np.random.default_rng(0).normal(size=(50, 2))
     (path := tmp_path / "log.csv").write_text("x,y,z\n")
@@ -76,5 +103,5 @@ def test_rates_on_real_meshes():
         for name in names
     ]
     assert sum(map(looks_lying, clouds)) <= 0.02 * len(clouds)
-    assert sum(looks_lying(lying(cloud)) for cloud in clouds) >= 0.2 * len(clouds)
-    assert sum(looks_lying(lying(cloud, "x")) for cloud in clouds) >= 0.5 * len(clouds)
+    assert sum(looks_lying(lying(cloud)) for cloud in clouds) >= 0.3 * len(clouds)
+    assert sum(looks_lying(lying(cloud, "x")) for cloud in clouds) >= 0.55 * len(clouds)

@@ -26,6 +26,17 @@ def test_a_label_is_over_its_own_image_only():
     assert (frame == 255).all()
 
 
+def test_tiles_are_as_large_as_asked_and_smaller_images_get_larger_pixels():
+    small = np.arange(4, dtype=np.uint8).reshape(1, 2, 2, 1).repeat(3, axis=3)
+    large = np.arange(36, dtype=np.uint8).reshape(1, 6, 6, 1).repeat(3, axis=3)
+    (frame,) = draw_sheet([Tile("", small), Tile("", large)], 2, 1, size=6)
+    row = frame[TOP : TOP + 6, :, 0]
+    assert (
+        row[:, MARGIN : MARGIN + 6] == [[0, 0, 0, 1, 1, 1]] * 3 + [[2, 2, 2, 3, 3, 3]] * 3
+    ).all()
+    assert (row[:, 2 * MARGIN + 6 : 2 * MARGIN + 12] == large[0, :, :, 0]).all()
+
+
 def test_a_long_reason_stays_in_place_of_its_image():
     (frame,) = draw_sheet([Tile("", "stage: " + 500 * "points and holes "), Tile("", WHITE)], 2, 1)
     message = frame[TOP : TOP + 128, MARGIN:STEP]
