@@ -10,7 +10,7 @@ from pathlib import Path
 import pytest
 import yaml
 
-from bench.commands.cite import cite
+from bench.commands.cite import bibtex, cite
 from studies.release import differences, version_of
 
 ROOT = Path(__file__).parents[1]
@@ -39,6 +39,17 @@ def test_one_command_raises_the_version_everywhere(checkout):
     assert differences(checkout) == []
     assert "  year = {2027},\n  note = {Version 9.0.0},\n" in (checkout / "README.md").read_text()
     assert "\n## [9.0.0] - 2027-01-31\n" in (checkout / "CHANGELOG.md").read_text("utf-8")
+
+
+def test_the_address_of_a_release_is_cited_and_replaced(checkout):
+    for url in ("https://example.org/old", "https://example.org/new"):
+        arguments = ("make", "version", "VERSION=9.0.0", "DATE=2027-01-31", f"URL={url}")
+        subprocess.run(arguments, cwd=checkout, check=True, capture_output=True)
+    assert differences(checkout) == []
+    citation = (checkout / "CITATION.cff").read_text("utf-8")
+    assert yaml.safe_load(citation)["preferred-citation"]["repository-code"] == url
+    assert bibtex(citation).count("  url = ") == 1
+    assert f"  note = {{Version 9.0.0}},\n  url = {{{url}}},\n" in bibtex(citation)
 
 
 @pytest.mark.parametrize(

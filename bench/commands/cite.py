@@ -27,6 +27,8 @@ def bibtex(citation: str) -> str:
         "year": _value(program, "year"),
         "note": f"Version {_value(program, 'version')}",
     }
+    for url in _values(program, "repository-code"):  # none before the first release is published
+        of_program["url"] = url
     of_paper = {
         "author": f"{last}, {first}",
         "title": f"{{{_value(paper, 'title')}}}",
@@ -44,10 +46,16 @@ def _fields(values: dict[str, str]) -> str:
 
 
 def _value(section: str, name: str) -> str:
-    """Return the value of the key `name` in a section of CITATION.cff.
+    """Return the value of the key `name`, which a section of CITATION.cff has once."""
+    (text,) = _values(section, name)
+    return text
+
+
+def _values(section: str, name: str) -> list[str]:
+    """Return all values of the key `name` in a section of CITATION.cff.
 
     A regular expression stands in for a YAML parser, which is no dependency; a test compares all
     values with those that a YAML parser reads.
     """
-    (text,) = re.findall(rf"^[ -]*\b{name}: *(?:>-\n *)?(.*)$", section, flags=re.M)
-    return text.strip('"')
+    found = re.findall(rf"^[ -]*\b{name}: *(?:>-\n *)?(.*)$", section, flags=re.M)
+    return [text.strip('"') for text in found]
