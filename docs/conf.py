@@ -13,13 +13,13 @@ sys.path.insert(0, str(Path(__file__).parents[1]))  # `studies` is not installed
 
 project = "pc2pix-bench"
 author = "the authors of pc2pix-bench"
-extensions = ["myst_parser", "studies.leaderboard"]
+extensions = ["myst_parser", "sphinx_copybutton", "studies.leaderboard"]
 source_suffix = {".md": "markdown"}
 exclude_patterns: list[str] = []
 html_theme = "furo"
 html_title = "pc2pix-bench"
 html_show_copyright = False
-highlight_language = "none"  # commands and what they print; Python is said to be Python
+highlight_language = "bash"  # most blocks are commands; Python is said to be Python
 myst_heading_anchors = 3
 OUTSIDE = {"maintaining"}  # of the navigation, which is for users
 suppress_warnings = ["myst.header"]  # pages begin at the level that their place in a page has

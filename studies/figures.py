@@ -5,7 +5,7 @@
 Figures are drawn as those of a run; better is up or to the right. Sheets show what methods draw of
 objects. The sheets `answer`, `real-objects`, `dense-and-scanned` and `scans` need the folder of
 real meshes PATH (docs/datasets.md has its checksum), and are left out without it. All images are
-800 pixels wide, and can be read at half of that.
+1,600 pixels wide, twice the width of a page, and can be read at a quarter of that.
 """
 
 from __future__ import annotations
@@ -44,8 +44,8 @@ from studies.sheets import (
 if TYPE_CHECKING:
     from matplotlib.figure import Figure
 
-DPI = 220  # pixels in an inch
-_WIDTH_IN = 800 / DPI  # width of all images, in inches
+DPI = 440  # pixels in an inch
+_WIDTH_IN = 1600 / DPI  # width of all images, in inches
 _SMALL = 6.0  # size of the text, in points
 METRIC, OTHER_METRIC = "lpips", "ssim-object"  # the metrics that figures show
 CONDITIONS = ("2048", "1024", "512", "noise-0.05", "noise-0.10")  # from left to right
