@@ -41,9 +41,11 @@ def add_navigation(app: Any, page: str, source: list[str]) -> None:
 
 
 def contents(section: str) -> str:
-    """Return a hidden table of contents of the pages that a section links."""
+    """Return a hidden table of contents of the pages that a section links as a whole."""
     caption = section.partition("\n")[0].removeprefix("## ")
     pages = "\n".join(re.findall(r"\]\(([\w-]+)\.md\)", section))
+    if not pages:  # the gallery, which links to sections
+        return ""
     return f"\n```{{toctree}}\n:hidden:\n:caption: {caption}\n\n{pages}\n```\n\n"
 
 
