@@ -572,9 +572,9 @@ def render_clouds(
     Each method gets 120 seconds, 4 GiB of memory and all points; of a large scan at most 2,097,152.
     Some methods use fewer, chosen at random: occupancy-net 2,048, pc2pix 8 x 1,024, fused-net,
     splat-net, denoised-wrap, upsampled-wrap and splat-fill 8,192, alpha-wrap 32,768. Notes on
-    stderr say how many, and what else a method did to the points. Of 100,000 points surface-fit takes
-    seconds, other surface reconstruction half a minute, and longer where points are noisy, up to the
-    limit of 120 seconds; --points takes fewer.
+    stderr say how many, and what else a method did to the points. Of 100,000 points surface-fit
+    takes seconds, other surface reconstruction half a minute, and longer where points are noisy, up
+    to the limit of 120 seconds; --points takes fewer.
     """
     allow_modules(options.method or ())
     result = render(clouds, options)
