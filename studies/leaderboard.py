@@ -115,8 +115,7 @@ def board(numbers: Path = NUMBERS, groups: Sequence[ResultGroup] = GROUPS) -> di
                 numeric=False,
             ),
         ),
-        {method: method for method in methods},
-        competing,
+        methods,
         (
             f"Better, worse, not decided: against {BEST_CLASSICAL}, object by object, p below "
             ".05 after Holm's correction. A failed image is scored as a blank one. "

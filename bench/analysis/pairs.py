@@ -170,7 +170,7 @@ def compare_runs(
             f"different truths: {first} is scored against {TRUTHS[a.suite.truth]}, {second} "
             f"against {TRUTHS[b.suite.truth]}; give both the same --truth"
         )
-    _refuse_other_objects(a, b)
+    refuse_other_objects(a, b)
     remarks: list[str] = []
     shared, conditions = (
         _common(name, a.manifest[name], b.manifest[name], remarks)
@@ -324,7 +324,7 @@ def _refuse_unknown(option: str, wanted: Sequence[str], known: Sequence[str]) ->
             )
 
 
-def _refuse_other_objects(*runs: Run) -> None:
+def refuse_other_objects(*runs: Run) -> None:
     """Raise BadInput where two runs did not see the same objects from the same views."""
     seen = [_true_views(run) for run in runs]
     names = [{*views["name"]} for views in seen]

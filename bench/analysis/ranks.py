@@ -89,27 +89,26 @@ def _without_subsets(groups: set[frozenset[str]]) -> set[frozenset[str]]:
 
 
 def mean_places(
-    columns: Sequence[tuple[str, Mapping[str, float]]], ids: Mapping[str, str]
+    columns: Sequence[tuple[str, Mapping[str, float]]], methods: Sequence[str]
 ) -> dict[str, float]:
     """Return the mean place of each method that has one, 1 for one that is always the best.
 
-    columns  (metric, values by the names of methods); values are compared in the digits that both
-             are printed with, and equal ones share the mean of their places
-    ids      of the methods that compete, by their names in the columns
+    columns  (metric, values by method); values are compared in the digits that both are printed
+             with, and equal ones share the mean of their places
+    methods  those that compete
 
     A column may lack some methods: its places are stretched to the number of all that have places.
     """
     shares: dict[str, list[float]] = {}  # of the way from the first to the last place, 0..1
     for metric, of_column in columns:
-        known = {name: of_column[name] for name in ids if name in of_column}
+        known = {method: of_column[method] for method in methods if method in of_column}
         others = len(known) - 1
-        for name, value in known.items():
+        for method, value in known.items():
             better, worse = 0, 0  # numbers of rivals
             for rival, other in known.items():
-                methods = ids[name], ids[rival]
-                better += prints_better(metric, other, value, *methods)
-                worse += prints_better(metric, value, other, *methods)
+                better += prints_better(metric, other, value, method, rival)
+                worse += prints_better(metric, value, other, method, rival)
             share = (others + better - worse) / 2 / max(others, 1)
-            shares.setdefault(name, []).append(share)
+            shares.setdefault(method, []).append(share)
     last = len(shares)
     return {name: 1 + (last - 1) * float(np.mean(of_name)) for name, of_name in shares.items()}

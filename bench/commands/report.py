@@ -1,4 +1,4 @@
-"""`bench report`: an HTML page of a finished run, and an index over several."""
+"""`bench report`: an HTML page of a finished run, and a site over several."""
 
 from __future__ import annotations
 
@@ -12,6 +12,7 @@ from bench.commands.options import (
     path_option,
 )
 from bench.records.folder import locked_run
+from data_prep.failures import BadInput
 
 
 def report(
@@ -21,20 +22,22 @@ def report(
     out: Annotated[
         Path | None,
         path_option(
-            "The HTML file; of several runs a folder. Default: where the runs are.", "--out", "-o"
+            "The HTML file. Default: report.html in DIR. Of several runs a folder.", "--out", "-o"
         ),
     ] = None,
 ) -> None:
     """Make an HTML page of a run: tables, curves, images, worst cases, failures; offline.
 
-    Of several runs a page each, and an index over them: their leaderboards by data set and truth.
+    Of several runs a site: leaderboards, each report, and a page a method; publish it as it is.
     """
     from bench.report.build import write_report
-    from bench.report.index import write_index
+    from bench.report.site import write_site
     from bench.tables.build import make_outputs
 
     if len(directories) > 1:
-        print(write_index(directories, out))
+        if out is None:
+            raise BadInput("several runs become a site; give --out, the folder for it")
+        print(write_site(directories, out))
         return
     outputs = make_outputs(read_run(directories[0]))
     with locked_run(directories[0], "give --out") if out is None else nullcontext():

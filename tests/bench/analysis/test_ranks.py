@@ -83,14 +83,12 @@ def test_places_are_averaged_over_columns_and_equal_ones_shared():
         ("ssim-object", {"a": 0.9, "b": 0.8, "c": 0.8004, "blank": 1.0}),  # c: .800 as printed
         ("lpips", {"a": 0.3, "b": 0.1, "c": 0.2}),
     ]
-    assert mean_places(columns, {m: m for m in "abc"}) == pytest.approx(
-        {"a": 2, "b": 1.75, "c": 2.25}
-    )
+    assert mean_places(columns, "abc") == pytest.approx({"a": 2, "b": 1.75, "c": 2.25})
 
 
 def test_a_place_among_fewer_methods_is_stretched_to_all():
     columns = [("lpips", {"a": 0.1, "b": 0.2, "c": 0.3}), ("lpips", {"a": 0.2, "d": 0.1})]
-    assert mean_places(columns, {m: m for m in "abcd"}) == pytest.approx(
+    assert mean_places(columns, "abcd") == pytest.approx(
         {"a": 1 + 3 / 2, "b": 1 + 3 / 2, "c": 4, "d": 1}
     )
-    assert mean_places([], {"a": "a"}) == {}
+    assert mean_places([], ["a"]) == {}

@@ -15,7 +15,7 @@ from playwright.sync_api import sync_playwright
 
 from bench.analysis.run import read_run
 from bench.report.build import write_report
-from bench.report.index import write_index
+from bench.report.site import write_site
 from bench.tables.build import make_outputs
 
 CHROMIUM = shutil.which("chromium") or shutil.which("chromium-browser")
@@ -49,14 +49,14 @@ def report(finished, tmp_path_factory):
 
 @pytest.fixture(scope="module")
 def index(tmp_path_factory):
-    """The index of two runs of random scores, with failures, and of one of another data set."""
+    """The site of two runs of random scores, with failures, and of one of another data set."""
     root = tmp_path_factory.mktemp("browser-index")
     methods, objects = ["pc2pix", "splat", "blank"], [f"chair/{i:02d}" for i in range(9)]
     run = write_run(root / "run", methods=methods, objects=objects)
     write_all(run, [_failed(r) if r.method == "splat" else r for r in read_all(run)])
     other = write_run(root / "ラン", methods=methods, objects=objects, seed=1)
     apart = write_run(root / "apart", methods=methods, objects=objects, dataset="folder:/meshes")
-    return write_index([run, other, apart])
+    return write_site([run, other, apart], root / "site")
 
 
 def _failed(record):
@@ -157,11 +157,14 @@ def test_everything_can_be_reached_by_keyboard(open_page):
     assert page.evaluate(outline) == "solid"
 
 
-@pytest.mark.parametrize("written", ["report", "index"])
+@pytest.mark.parametrize("written", ["report", "index", "method"])
 @pytest.mark.parametrize("scheme", ["light", "dark"])
 @pytest.mark.parametrize("viewport", [WIDE, PHONE], ids=["wide", "phone"])
 def test_axe_finds_nothing(open_page, request, written, scheme, viewport):
-    path = request.getfixturevalue(written)
+    if written == "method":
+        path = request.getfixturevalue("index").parent / "run" / "pc2pix.html"
+    else:
+        path = request.getfixturevalue(written)
     page = open_page(path, color_scheme=scheme, viewport=viewport)
     assert page.evaluate("document.documentElement.scrollWidth") == viewport["width"]
     page.evaluate("for (const one of document.querySelectorAll('main details')) one.open = true")

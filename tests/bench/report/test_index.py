@@ -1,18 +1,20 @@
-"""The index over several runs: leaderboards by data set and truth, cards, and what is refused."""
+"""The site over several runs: leaderboards, pages and their links, and what is refused."""
 
 from __future__ import annotations
 
 import re
 import shutil
 from dataclasses import replace
-from html import unescape
 from pathlib import Path
+from urllib.parse import unquote
 
 import pytest
 from builders import make_failed, read_all, write_all, write_run
 
 from bench.analysis.run import read_run
-from bench.report.index import NamedRun, index_html, run_groups, write_index
+from bench.records.folder import locked_run
+from bench.report.index import NamedRun, index_html, run_groups
+from bench.report.site import command_of, page_files, write_site
 
 CHAIRS = [f"chair/{i:02d}" for i in range(12)]
 METHODS = ["splat", "pc2pix", "pc2pix@all", "surface-apss", "true-mesh", "blank"]
@@ -52,29 +54,29 @@ def chairs(tmp_path_factory):
     return write_scores(tmp_path_factory.mktemp("index") / "chairs", {**scores, "true-mesh": 1.0})
 
 
-def test_a_board_has_a_group_for_each_run_and_the_mean_of_places(chairs, tmp_path):
-    few = write_scores(tmp_path / "few", {"splat": 0.9, "pc2pix": 0.5, "blank": 0.1}, **FEW)
-    (group,) = run_groups(named(chairs, few))
-    board = group["board"]
-    assert group["title"] == "procedural, against the true mesh in its colours"
-    assert [(g.name, g.about, g.link) for _, g in board["groups"]] == [
-        ("chairs", "mean over 2 conditions", "chairs/report.html"),
-        ("few", "2,048 points", "few/report.html"),
-        ("", "", ""),
+def test_a_small_run_has_a_board_of_its_own(tmp_path):
+    """Over both, only splat-net and fused-net had places: those of fewer objects and conditions."""
+    scores = {"splat-net@chair": 0.73, "splat-net": 0.67, "fused-net": 0.68, "blank": 0.2}
+    complete = write_scores(tmp_path / "complete", scores)
+    scores = {"splat-net": 0.8, "fused-net": 0.5, "blank": 0.0}
+    small = write_scores(tmp_path / "small", scores, **(FEW | {"methods": [*scores]}))
+    first, second = run_groups(named(complete, small))
+    assert (first["title"], second["title"]) == ("complete", "small")
+    assert first["about"] == (
+        "12 chairs (procedural), 2 views of each, seed 0; 2,048 points, noise 10 % of the radius; "
+        "against the true mesh in its colours; protocol 4."
+    )
+    names = [column.name for _, g in first["board"]["groups"] for column in g.columns]
+    assert names == ["ssim-object", "lpips", "2 views (ms)", "mean place", "trained on"]
+    groups = [[g.name for _, g in group["board"]["groups"]] for group in (first, second)]
+    assert groups == [["mean over 2 conditions", ""], ["2,048 points", ""]]
+    assert [places(group["board"]) for group in (first, second)] == [
+        {"splat-net@chair": 1, "fused-net": 2, "splat-net": 3, "blank": None},
+        {"splat-net": 1, "fused-net": 2, "blank": None},
     ]
-    names = [column.name for _, g in board["groups"] for column in g.columns]
-    assert names == [*("ssim-object", "lpips", "2 views (ms)") * 2, "mean place", "trained on"]
-    # Each is the better one in one of the runs; the others have not met them in both.
-    assert places(board) == {
-        **{"pc2pix": 1, "splat": 2},
-        **dict.fromkeys(("pc2pix@all", "surface-apss", "blank", "true-mesh")),
-    }
-    few_cells = [".500", ".500", "500"]
-    assert cells(board, "pc2pix") == [".900 a", ".100 a", "500", *few_cells, "1.5", "chairs"]
-    assert cells(board, "pc2pix@all")[3:7] == ["–"] * 4
-    assert cells(board, "true-mesh") == ["1.000", ".000", *["–"] * 6]  # neither letters nor cost
-    assert "few has no letters: too few objects to decide: at least 8." in board["notes"]
-    assert "No place, as they do not have every value: pc2pix@all, surface-apss." in board["notes"]
+    assert cells(first["board"], "splat-net@chair") == [".730 a", ".270 a", "500", "1.0", "chairs"]
+    assert cells(second["board"], "blank") == [".000", "1.000", "–", "–", "–"]
+    assert "No letters: too few objects to decide: at least 8." in second["board"]["notes"]
 
 
 def test_values_say_who_is_not_shown_to_differ_and_what_is_worse_than_blank(chairs):
@@ -88,121 +90,153 @@ def test_values_say_who_is_not_shown_to_differ_and_what_is_worse_than_blank(chai
     assert by_method["blank"] == ".250"
 
 
-@pytest.mark.parametrize("other", [{"dataset": "folder:/meshes"}, {"truth": "grey"}])
-def test_runs_of_other_data_or_truth_are_never_ranked_together(tmp_path, other):
+@pytest.mark.parametrize(
+    "other",
+    [
+        {"dataset": "folder:/meshes"},
+        {"truth": "grey"},
+        {"seed": 1},
+        {"conditions": ["noise-0.10"]},
+        {"objects": CHAIRS[2:4]},
+        {"condition_identities": {"2048": "another version"}},
+        {"identities": {"pc2pix": [2, "other weights", "cpu"]}},
+    ],
+    ids=lambda other: str(*other),
+)
+def test_runs_that_are_not_alike_are_never_ranked_together(tmp_path, other):
     """In each run another method is ahead; over both together neither would be."""
     one = write_scores(tmp_path / "one", {"splat": 0.9, "pc2pix": 0.5, "blank": 0.1}, **FEW)
-    two = write_scores(
-        tmp_path / "two", {"splat": 0.3, "pc2pix": 0.4, "blank": 0.1}, **FEW, **other
-    )
+    changed = {**FEW, **other}
+    two = write_scores(tmp_path / "two", {"splat": 0.3, "pc2pix": 0.4, "blank": 0.1}, **changed)
     groups = run_groups(named(one, two))
-    assert [[card["name"] for card in group["cards"]] for group in groups] == [["one"], ["two"]]
+    assert [group["title"] for group in groups] == ["one", "two"]
     assert [places(group["board"]) for group in groups] == [
         {"splat": 1, "pc2pix": 2, "blank": None},
         {"pc2pix": 1, "splat": 2, "blank": None},
     ]
-    assert [[g.name for _, g in group["board"]["groups"]] for group in groups] == [
-        ["one", ""],
-        ["two", ""],
-    ]
-    html = index_html(named(one, two))
-    assert html.count('<table class="board">') == 2
-    assert unescape(html).count(f">{groups[1]['title']}</h2>") == 1
 
 
-def test_failed_images_are_counted_and_scored_as_blank(tmp_path):
-    run = write_run(tmp_path / "run", **FEW)
-    failed = ("splat", "00")
-    write_all(
-        run,
-        [
-            make_failed(r.method, r.condition, r.object, r.view)
-            if (r.method, r.object) == failed
-            else r
-            for r in read_all(run)
-        ],
-    )
-    (group,) = run_groups(named(run))
-    assert cells(group["board"], "splat")[0].endswith(" 2 of 4 failed")
-    assert ("failed", "2 of 12 images") in group["cards"][0]["facts"]
+def test_other_true_images_of_the_same_names_are_not_ranked_together(tmp_path):
+    one, two = write_run(tmp_path / "one", **FEW), write_run(tmp_path / "two", **FEW)
+    write_all(two, [replace(r, ssim=r.ssim + 0.01) for r in read_all(two)])
+    assert [group["title"] for group in run_groups(named(one, two))] == ["one", "two"]
 
 
-def test_other_weights_of_an_id_are_another_method(tmp_path):
-    def drawn_with(weights, scipy):
-        stated = {"pc2pix": [2, f"scipy {scipy}, weights {weights}", "cpu"]}
-        stated["splat"] = [1, f"scipy {scipy}", "cpu"]
-        return {"identities": stated, "versions": {"scipy": scipy}}
-
-    one = write_run(tmp_path / "one", **FEW, **drawn_with("1" * 64, "1.17.1"))
-    two = write_run(tmp_path / "two", **FEW, **drawn_with("2" * 64, "1.18.0"), seed=1)
+def test_methods_of_runs_that_are_alike_stand_together(tmp_path):
+    """Their letters and places are those of one run; what two have stands there once."""
+    scores = {"pc2pix": 0.9, "splat": 0.3, "blank": 0.1}
+    one = write_scores(tmp_path / "one", scores, machine={"cpu": "A"})
+    scores = {"splat": 0.4, "surface-apss": 0.2, "blank": 0.1}
+    two = write_scores(tmp_path / "two", scores, machine={"cpu": "B"})
     (group,) = run_groups(named(one, two))
-    assert [*places(group["board"])] == [
-        *("splat", "pc2pix (weights 1111111)", "pc2pix (weights 2222222)", "blank")
-    ]
+    reports = [("one", "one/report.html"), ("two", "two/report.html")]
+    assert (group["title"], [run[:2] for run in group["runs"]]) == ("one, two", reports)
+    board = group["board"]
+    assert places(board) == {"pc2pix": 1, "splat": 2, "surface-apss": 3, "blank": None}
+    assert cells(board, "splat") == [".300 b", ".700 b", "500", "2.0", "nothing"]
+    assert cells(board, "surface-apss")[0].split()[1:] == ["c"]
+    assert [c.title[-5:] for _, g in board["groups"] for c in g.columns][2] == " A, B"
+    assert "Of several runs, and here of the first that has it: splat, blank." in board["notes"]
+
+
+STRANGE = ["splat", "ext:Mod", "ext@Mod", "é/" * 200, "../up", "report", "blank"]
 
 
 @pytest.fixture(scope="module")
 def written(tmp_path_factory):
-    """Two runs with their reports and the index, in the folder that they are in."""
-
+    """Two runs and their site."""
     root = tmp_path_factory.mktemp("runs")
-    runs = [write_run(root / "a & b", **FEW), write_run(root / "ラン #2", **FEW, seed=1)]
-    assert write_index(runs) == root / "index.html"
-    return runs
+    runs = [
+        write_run(root / "a & b", **(FEW | {"methods": STRANGE})),
+        write_run(root / "ラン #2", **FEW, seed=1),
+    ]
+    assert write_site(runs, root / "site") == root / "site" / "index.html"
+    return runs, root / "site"
 
 
-def test_the_index_links_to_the_reports_and_loads_nothing(written):
-    html = (written[0].parent / "index.html").read_text("utf-8")
-    links = set(re.findall(r'href="([^"#][^"]*)"', html))
-    assert links == {
-        "data:,",
-        "a%20%26%20b/report.html",
-        "%E3%83%A9%E3%83%B3%20%232/report.html",
+def test_no_link_leads_out_of_the_site_and_nothing_is_loaded(written):
+    runs, site = written
+    pages = {path.relative_to(site).as_posix() for path in site.rglob("*") if path.is_file()}
+    of_methods = {*page_files(STRANGE[:-1]).values()}
+    assert len(of_methods) == 6
+    assert pages == {
+        "index.html",
+        *(f"a & b/{name}" for name in ("report.html", *of_methods)),
+        *(f"ラン #2/{name}.html" for name in ("report", "splat", "pc2pix")),
     }
-    for run in written:
-        assert (run / "report.html").is_file()
-    assert not re.search(r'(src|action)=|url\(|@import|" style=', html)
-    assert "default-src 'none'; img-src data:; style-src 'sha256-" in html
-    assert '<h3><a href="a%20%26%20b/report.html">a &amp; b</a></h3>' in html
-    assert html.count("<article") == 2
-    assert re.findall(r"<dt>objects</dt><dd>([^<]+)</dd>", html) == ["2 of class chair"] * 2
-    assert re.findall(r"<dt>seed</dt><dd>([^<]+)</dd>", html) == ["0", "1"]
+    reached = set()
+    for page in pages:
+        html = (site / page).read_text("utf-8")
+        for link in set(re.findall(r'href="([^"#][^"]*)"', html)) - {"data:,"}:
+            target = ((site / page).parent / unquote(link)).resolve()
+            reached.add(target.relative_to(site).as_posix())
+        assert not re.search(r'(src|action)="(?!data:)|url\((?!#)|@import|" style=', html)
+        assert "default-src 'none'; img-src data:; style-src 'sha256-" in html
+    assert reached == pages
+    assert not (runs[0] / "report.html").exists()  # runs stay as they are
 
 
 @pytest.mark.slow
-def test_the_index_is_refreshed_and_elsewhere_links_to_where_the_reports_are(written, command):
-    index = written[0].parent / "index.html"
-    before = index.read_bytes()
-    index.write_bytes(before[:1500])  # its head says what it is
-    (written[0] / "report.html").unlink()
-    assert command("report", *written)[:2] == (0, f"{index}\n")
-    assert index.read_bytes() == before
-    assert (written[0] / "report.html").is_file()
-    out = index.parent / "pages" / "site"
-    assert command("report", *written, "--out", out)[:2] == (0, f"{out / 'index.html'}\n")
-    assert 'href="../../a%20%26%20b/report.html"' in (out / "index.html").read_text("utf-8")
+def test_what_is_current_is_not_written_again(written, command):
+    runs, site = written
+    before = {path: path.stat().st_mtime_ns for path in site.rglob("*.html")}
+    changed = site / "a & b" / "splat.html"
+    text = changed.read_text("utf-8")
+    changed.write_text(text[:1500])  # its head says what it is
+    assert command("report", *runs, "--out", site)[:2] == (0, f"{site / 'index.html'}\n")
+    assert changed.read_text("utf-8") == text
+    after = {path: path.stat().st_mtime_ns for path in site.rglob("*.html")}
+    assert [path for path in before if before[path] != after.pop(path)] == [changed]
+    assert after == {}
+
+
+def test_a_command_repeats_a_method():
+    manifest = {
+        "request": {"suite": "chair-robustness", "methods": ["ours", "splat"], "seed": 3}
+        | {"inception_weights": "my weights.pt", "conditions": ["512"]},
+        "objects": ["chair/a", "table/b", "table/c"],
+        "conditions": ["2048", "512"],
+        "entered": {"ours": {"tree": "/images", "name": "ours"}},
+    }
+    assert command_of("ours", manifest) == (
+        "bench run --suite chair-robustness --methods images:/images --seed 3 "
+        "--inception-weights 'my weights.pt' --conditions 2048,512 --limit 2"
+    )
 
 
 def test_what_is_refused_writes_nothing(written, command, tmp_path):
-    first, second = written
+    (first, second), site = written
     copy = shutil.copytree(first, tmp_path / "copy")
-    (copy / "report.html").unlink()
-    (tmp_path / "index.html").write_text("<p>mine</p>")
+    namesake = shutil.copytree(second, tmp_path / "namesake" / "A & B")
+    mine = tmp_path / "mine"
+    (mine / first.name).mkdir(parents=True)
+    (mine / first.name / "notes.html").write_text("<p>mine</p>")
+    other, linked = (shutil.copytree(site, tmp_path / name) for name in ("other", "linked"))
+    (other / "index.html").write_text("<p>mine</p>")
+    shutil.rmtree(linked / first.name)
+    (linked / first.name).symlink_to(site / first.name)
     before = sorted(tmp_path.rglob("*"))
     for arguments, message in (
-        ((first, second, first), f"{first}: given twice"),
+        ((first, second), "several runs become a site; give --out"),
+        ((first, second, first, "--out", site), f"{first}: given twice"),
         ((first, tmp_path / "gone", "--out", tmp_path / "new"), "no such folder"),
         ((first, copy, "--out", tmp_path / "new"), f"{copy}: a copy of the run in {first}"),
-        ((first, copy), "the runs are in several folders; give --out"),
-        ((first, second, "--out", tmp_path), "index.html: is there, and no index of runs"),
+        ((first, namesake, "--out", tmp_path / "new"), f"{namesake}: has the name of {first}, "),
+        ((first, second, "--out", other), f"{other / 'index.html'}: is there, and no index"),
+        ((first, second, "--out", mine), "notes.html: is there, and no page of a site"),
+        ((first, second, "--out", linked), f"{linked / first.name}: is there, and no page"),
+        ((first, second, "--out", first.parent), "lock: is there, and no page of a site"),
         ((first, second, "--out", tmp_path / "x.html"), "of several runs a folder is needed"),
-        ((first, second, "--out", tmp_path / "index.html"), "of several runs a folder is needed"),
+        ((first, second, "--out", site / "index.html"), "of several runs a folder is needed"),
     ):
         status, printed, err = command("report", *arguments)
         assert (status, printed, err.count("\n")) == (2, "", 1), err
         assert message in err
         assert sorted(tmp_path.rglob("*")) == before
-    assert (tmp_path / "index.html").read_text() == "<p>mine</p>"
+    with locked_run(second, ""):
+        status, _, err = command("report", first, second, "--out", tmp_path / "new")
+    assert (status, str(second) in err) == (2, True)
+    assert sorted(tmp_path.rglob("*")) == before
 
 
 def test_what_a_run_does_not_have_is_named(tmp_path):
@@ -210,12 +244,9 @@ def test_what_a_run_does_not_have_is_named(tmp_path):
     write_all(run, [replace(record, lpips=None) for record in read_all(run)])
     failed = write_run(tmp_path / "failed", **FEW)
     write_all(failed, [make_failed(r.method, r.condition, r.object, r.view) for r in read_all(run)])
-    (group,) = run_groups(named(run, failed))
-    assert [card["name"] for card in group["cards"]] == ["run", "failed"]
-    notes = " ".join(group["board"]["notes"])
-    assert "run has no lpips: " in notes
-    assert "failed has no scored image." in notes
-    assert [g.name for _, g in group["board"]["groups"]] == ["run", ""]
-    assert sorted(filter(None, places(group["board"]).values())) == [1, 2]  # of the run with values
-    assert run_groups(named(failed))[0]["board"] is None
+    first, second = run_groups(named(run, failed))
+    assert (first["title"], second["title"]) == ("run", "failed")
+    assert any(note.startswith("No lpips: ") for note in first["board"]["notes"])
+    assert sorted(filter(None, places(first["board"]).values())) == [1, 2]
+    assert second["board"] is None
     assert '<table class="board">' not in index_html(named(failed))
