@@ -35,7 +35,7 @@ COMMANDS = {
     ),
     "table": ("table:table", "Make the tables of a run again, from its records."),
     "check": ("check:check", "Compare a run with golden values or itself; exit 1 if not equal."),
-    "report": ("report:report", "Make an HTML page of a run, and an index over several."),
+    "report": ("report:report", "Make an HTML page of a run, and a site over several."),
     "compare": ("compare:compare", "Compare two runs, or two methods of one, object by object."),
     "score": ("score:score", "Measure a finished run with metrics of other packages."),
     "render": ("render:render_clouds", "Draw the point clouds of files."),

@@ -208,13 +208,13 @@ def test_what_is_refused_writes_nothing(written, command, tmp_path):
     (first, second), site = written
     copy = shutil.copytree(first, tmp_path / "copy")
     namesake = shutil.copytree(second, tmp_path / "namesake" / "A & B")
-    mine = tmp_path / "mine"
-    (mine / first.name).mkdir(parents=True)
+    mine, other, to, linked = (shutil.copytree(site, tmp_path / name) for name in "abcd")
     (mine / first.name / "notes.html").write_text("<p>mine</p>")
-    other, linked = (shutil.copytree(site, tmp_path / name) for name in ("other", "linked"))
     (other / "index.html").write_text("<p>mine</p>")
-    shutil.rmtree(linked / first.name)
-    (linked / first.name).symlink_to(site / first.name)
+    shutil.move(linked / "index.html", to / "index.html")
+    (linked / "index.html").symlink_to(to / "index.html")
+    shutil.rmtree(to / first.name)
+    (to / first.name).symlink_to(linked / first.name)
     before = sorted(tmp_path.rglob("*"))
     for arguments, message in (
         ((first, second), "several runs become a site; give --out"),
@@ -224,10 +224,10 @@ def test_what_is_refused_writes_nothing(written, command, tmp_path):
         ((first, namesake, "--out", tmp_path / "new"), f"{namesake}: has the name of {first}, "),
         ((first, second, "--out", other), f"{other / 'index.html'}: is there, and no index"),
         ((first, second, "--out", mine), "notes.html: is there, and no page of a site"),
-        ((first, second, "--out", linked), f"{linked / first.name}: is there, and no page"),
+        ((first, second, "--out", linked), f"{linked / 'index.html'}: is there, and no index"),
+        ((first, second, "--out", to), f"{to / first.name}: is there, and no page"),
         ((first, second, "--out", first.parent), "lock: is there, and no page of a site"),
         ((first, second, "--out", tmp_path / "x.html"), "of several runs a folder is needed"),
-        ((first, second, "--out", site / "index.html"), "of several runs a folder is needed"),
     ):
         status, printed, err = command("report", *arguments)
         assert (status, printed, err.count("\n")) == (2, "", 1), err
