@@ -82,6 +82,7 @@ DETAIL_TABLE = TableSpec(
     "detail", "table_detail", "Detail: the object alone, its outline and its thin parts"
 )
 IMAGE_TABLE = TableSpec("images", "table_ssim", "SSIM and its components (higher is better)")
+CLASS_TABLE = TableSpec("classes", "table_classes", "Classes")
 SET_TABLE = TableSpec("sets", "table_frechet", "Distances between sets of images (lower is better)")
 
 
@@ -91,7 +92,7 @@ class Suite:
 
     A suite also declares the metrics, and the tables and figures that show them.
 
-    classes          the classes of the dataset whose objects are drawn
+    classes          the classes of the dataset whose objects are drawn; () for all that it has
     image_metrics    the metrics of the paper's table of SSIM
     detail_metrics   further metrics of single images, which have a table of their own
     set_metrics      Fréchet and kernel distances between sets of images
@@ -108,6 +109,7 @@ class Suite:
     truth            whether true images have the colours of their objects, or all faces in neutral
                      grey, or clouds have the colours of their objects, too. Only `with_truth` sets
                      another than the first. Points and views are the same with all
+    default_truth    the truth of a run that asks for none
     grey_methods     methods that are added to `methods` where no method has to make up colours
     timed            whether a single worker does all jobs, so that no other job disturbs its times
     tables           the tables, in the order in which they are shown. A run lacks those that its
@@ -132,6 +134,7 @@ class Suite:
     condition_sweep: tuple[str, ...] = ()
     headline: tuple[str, ...] = ("ssim-object", "lpips")
     truth: Truth = "coloured"
+    default_truth: Truth = "coloured"
     grey_methods: tuple[str, ...] = ()
     timed: bool = False
     tables: tuple[TableSpec, ...] = (IMAGE_TABLE, SET_TABLE, DETAIL_TABLE)
@@ -185,6 +188,7 @@ RECOGNITION_TABLE = TableSpec(
     "table_control",
     "Control: does the image show the view and the object that it should?",
 )
+OWN_MESHES = "own-meshes"  # the suite that a folder of any classes is measured by
 ROBUSTNESS = Suite(
     id="chair-robustness",
     about="the paper's Tables 3 and 4: fewer points and noise, on chairs",
@@ -298,6 +302,24 @@ SUITES = (
         ),
         figures="condition sweep",
     ),
+    Suite(
+        id=OWN_MESHES,
+        about="all classes of your own folder of meshes, clean, sparse and noisy",
+        methods=_ids(
+            "surface-apss alpha-wrap denoised-wrap occupancy-net pc2pix@all splat-net fused-net "
+            "true-mesh blank"
+        ),
+        conditions=_ids("2048 512 noise-0.05 noise-0.10"),
+        classes=(),
+        detail_metrics=_ids("psnr ssim-object lpips silhouette-iou"),
+        set_metrics=("fd-alexnet",),  # the judges know the classes of their training alone
+        views=8,
+        endless_limit=4,
+        class_metrics=_ids("ssim lpips silhouette-iou fd-alexnet"),
+        default_truth="grey",  # a cloud tells the shape, and rarely the colours
+        grey_methods=_ids("splat-net@grey fused-net@grey"),
+        tables=(IMAGE_TABLE, CLASS_TABLE, DETAIL_TABLE),
+    ),
 )
 LATENT = Procedure(
     id="latent",
@@ -335,7 +357,7 @@ _METRIC_FIELDS = ("set_metrics", "class_metrics", "frontier", "condition_sweep")
 _UNNUMBERED: dict[TableKind, TableSpec] = {
     "images": IMAGE_TABLE,
     "sets": SET_TABLE,
-    "classes": TableSpec("classes", "table_classes", "Classes"),
+    "classes": CLASS_TABLE,
 }
 
 

@@ -245,13 +245,13 @@ def expand_file(text: str | None) -> str | None:
 
 # The options of `bench run`, by the fields of `bench.running.options.Options`.
 RUN_OPTIONS: dict[str, str | OptionSpec] = {
-    "suite": "The suite, see 'bench list'.",
+    "suite": "The suite, see 'bench list'; own-meshes for a folder of your own.",
     "dataset": "Dataset: procedural, folder:PATH (sub-folders are classes), shapenet:PATH, "
     "modelnet:PATH, paper:PATH or exported:PATH; see 'bench data inspect PATH'.",
     "truth": OptionSpec(
         "The true images: in the colours of the objects; or with all faces in grey, where only the "
         "shape counts; or in colours that clouds have, too; see docs/protocol.md. Default: "
-        "coloured.",
+        "coloured, and grey for own-meshes.",
         kind=_TruthChoice | None,
         convert=lambda value: value and str(value),
     ),

@@ -11,7 +11,7 @@ from typing import Any
 from unicodedata import category, normalize
 
 from bench.catalogue.loaders import GPU, chosen_device
-from bench.catalogue.suites import Suite, Truth
+from bench.catalogue.suites import SUITES, Suite, Truth
 from bench.records.folder import COLOURED
 from bench.running.environment import cores
 from data_prep.datasets.registry import Dataset
@@ -80,7 +80,8 @@ class Options:
     @property
     def directory(self) -> Path:
         """Return the folder of the run: `out`, or one named after suite, dataset and truth."""
-        truth = None if self.truth == COLOURED else self.truth
+        usual = {suite.id: suite.default_truth for suite in SUITES}.get(self.suite, COLOURED)
+        truth = None if self.truth == usual else self.truth
         return self.out or RUNS / default_name(self.suite, self.dataset, truth)
 
 

@@ -22,6 +22,7 @@ from bench.catalogue.methods import (
 from bench.catalogue.metrics import FID, WeightsUnavailable, find_extractor, metrics_device
 from bench.catalogue.plugins import plugin_problem
 from bench.catalogue.suites import (
+    OWN_MESHES,
     SUITES,
     TRUTHS,
     Suite,
@@ -291,12 +292,12 @@ def _suite_of(options: Options) -> Suite:
     BadInput for an unknown suite, and for weights of a network that the suite does not use.
     """
     in_colours = find(options.suite, SUITES, "suite")
-    suite = with_truth(in_colours, options.truth)
+    suite = with_truth(in_colours, options.truth or in_colours.default_truth)
     if options.inception_weights and FID not in suite.extractors:
         raise BadInput(
             f"--inception-weights: {suite.id} takes no fid against {TRUTHS[suite.truth]}; leave it"
         )
-    if suite is not in_colours and not options.methods:
+    if options.truth and suite is not in_colours and not options.methods:
         _log_left_out(in_colours, suite.truth)
     return suite
 
@@ -370,11 +371,11 @@ def objects_of(suite: Suite, dataset: Dataset, options: Options) -> tuple[SceneO
     Raises BadInput for a dataset without classes where the suite compares classes, and for one that
     has no object of the suite's classes.
     """
-    classes = suite.classes
+    classes = _classes_of(suite, dataset)
     if len(classes) > 1 and not dataset.classes:
         raise BadInput(
             f"{dataset.id}: {suite.id} compares classes, and this dataset has none; give a "
-            "folder whose sub-folders are classes"
+            f"folder whose sub-folders are classes, or --suite {OWN_MESHES}"
         )
     if len(classes) > 1:
         present = tuple(name for name in classes if name in dataset.classes)
@@ -384,6 +385,12 @@ def objects_of(suite: Suite, dataset: Dataset, options: Options) -> tuple[SceneO
     for name in classes:
         objects += dataset.objects(name, options.limit, suite.endless_limit)
     return tuple(objects)
+
+
+def _classes_of(suite: Suite, dataset: Dataset) -> tuple[str, ...]:
+    """Return the classes that a suite asks a dataset for, of which the dataset may lack some."""
+    # A dataset without classes gives all its objects, whatever class it is asked for.
+    return suite.classes or dataset.classes or ("",)
 
 
 def objects_to_search(manifest: Mapping[str, Any]) -> int:
@@ -404,7 +411,7 @@ def find_objects(
     """
     named_classes = {name.partition("/")[0] for name in names}
     objects: list[SceneObject] = []
-    for class_name in suite.classes:
+    for class_name in _classes_of(suite, dataset):
         if dataset.classes and class_name not in named_classes:
             continue
         searched = dataset.objects(class_name, None, count)

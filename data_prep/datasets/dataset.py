@@ -98,7 +98,7 @@ class Dataset:
         if not self.id.startswith("folder:"):
             return ""
         flat = f"{self.id.rstrip('/')}/{self.classes[0]}"  # it has no classes, so it fits any
-        return f"; a suite of one class takes {flat} whatever it holds"
+        return f"; --suite own-meshes takes all of them, a suite of one class {flat}"
 
 
 @dataclass(frozen=True)

@@ -19,6 +19,7 @@ from bench.catalogue.suites import SUITES
 from bench.judges.views import Labels
 from bench.records.folder import read_manifest
 from bench.running.options import Options
+from bench.running.protocol import Protocol
 from bench.tables.build import make_outputs
 from data_prep.failures import BadInput
 from data_prep.randomness import generator
@@ -28,7 +29,7 @@ from tests.learning.trainings import write_views
 
 from ..builders import drop_features, run_suite, write_run
 
-ROBUSTNESS, TRADE, THIRTEEN, BEYOND = (suite.id for suite in SUITES)
+ROBUSTNESS, TRADE, THIRTEEN, BEYOND, OWN = (suite.id for suite in SUITES)
 CONDITIONS = ["512", "2048", "noise-0.05", "noise-0.20", "missing-0.50"]
 
 
@@ -136,14 +137,36 @@ def test_what_is_left_out_is_named_and_what_cannot_be_run_is_refused(
         FILES, "pc2pix", replace(FILES["pc2pix"], folder=tmp_path)
     )  # without weights
     for dataset, method, message in (
-        (spoons, "splat", r"no class 'airplane' .*found spoon"),
-        (spoons / "spoon", "splat", "thirteen-classes compares classes, and this dataset has none"),
+        (spoons, "splat", r"no class 'airplane' .*found spoon; --suite own-meshes takes all"),
+        (spoons / "spoon", "splat", "this dataset has none; .*, or --suite own-meshes"),
         (folder, "pc2pix@all", r"weights: 'all' is neither|all.safetensors: the bundled"),
     ):
         out = tmp_path / "x"
         with pytest.raises(BadInput, match=message):
             run_suite(Options(THIRTEEN, f"folder:{dataset}", methods=(method,), out=out))
         assert not out.exists()
+
+
+@pytest.mark.parametrize(
+    ("part", "truth", "names", "networks", "name"),
+    [
+        ("", None, ["chair/0", "chair/1", "spoon/0", "table/0", "table/1"], "@grey", "meshes0"),
+        ("chair", "grey", ["chair/0", "chair/1"], "@grey", "chair"),
+        ("spoon", "coloured", ["spoon/0"], "", "spoon-truth-coloured"),
+    ],
+)
+def test_own_meshes_are_all_classes_or_the_one_without_a_name(
+    folder, part, truth, names, networks, name
+):
+    """They are in grey unless colours are asked for, and the manifest finds the same again."""
+    options = Options(OWN, f"folder:{folder / part}", limit=2, truth=truth)
+    protocol = Protocol.from_options(options, probe=dict)
+    manifest = protocol.to_manifest(options.request, len(names), 1)
+    expected = [f"{name}.ply" for name in names]
+    assert protocol.names == Protocol.from_manifest(manifest).names == expected
+    assert protocol.suite.truth == manifest.get("truth", "coloured") == (truth or "grey")
+    assert {f"splat-net{networks}", f"fused-net{networks}", "alpha-wrap"} < {*protocol.methods}
+    assert options.directory.name == f"own-meshes-folder-{name}"
 
 
 def test_runs_without_families_two_methods_or_features_have_less(tmp_path):

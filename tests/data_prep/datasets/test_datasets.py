@@ -415,7 +415,7 @@ REFUSED = [  # the dataset of a folder {}, its files, a pattern of what is said,
     ("procedural", (), "procedural: no class 'unicorn'.*chair", "unicorn"),
     ("procedural:novel-families", (), "no class 'car' .*found chair$", "car"),
     ("folder:{}", ("chair/a.obj", "lamp/b.obj"),
-     "no class 'sofa'.*found chair, lamp; a suite of one class takes folder:.*/chair what", "sofa"),
+     "no class 'sofa'.*found chair, lamp; --suite own-meshes .* class folder:.*/chair$", "sofa"),
     *(
         (f"folder:{place}", ("file.ply",), "not the name of a folder|no such folder")
         for place in ("{}/gone", "{}/file.ply", "~no-such-user-anywhere/x", "{}/" + "n" * 5000)
