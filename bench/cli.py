@@ -38,6 +38,7 @@ COMMANDS = {
     "report": ("report:report", "Make an HTML page of a run, and a site over several."),
     "compare": ("compare:compare", "Compare two runs, or two methods of one, object by object."),
     "score": ("score:score", "Measure a finished run with metrics of other packages."),
+    "surface": ("surface:surface", "Score the meshes of a run: Chamfer distance, F-score."),
     "render": ("render:render_clouds", "Draw the point clouds of files."),
     "train": ("train:app", "Train the networks."),
     "data": ("data:app", "Inspect, verify and export datasets."),
@@ -113,7 +114,7 @@ class Commands(Group):
             # would kill it with another exit status: it is ignored from here on.
             signal.signal(signal.SIGINT, signal.SIG_IGN)
             text = "interrupted"
-            if ctx.invoked_subcommand in ("run", "train"):
+            if ctx.invoked_subcommand in ("run", "train", "surface"):
                 text = "interrupted; the same command goes on from here"
             raise _ended(text, 130) from error
         except BrokenPipeError as error:

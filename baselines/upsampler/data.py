@@ -156,19 +156,20 @@ def _places(seen: Surroundings, rng: np.random.Generator) -> Floats:
 
 
 def nearest_on_surface(
-    corners: Floats, places: Floats, rng: np.random.Generator
+    corners: Floats, places: Floats, rng: np.random.Generator, count: int = _DENSE
 ) -> tuple[Floats, Floats]:
     """Return the points of triangles nearest to places, [Q, 3], and the unit normals there, [Q, 3].
 
     corners  [F, 3, 3], of the triangles
     places   [Q, 3]
+    count    of random points of the surface
 
-    For each place only _FACES triangles are tried: those on which the nearest of many random points
-    of the surface lie.
+    For each place only _FACES triangles are tried: those on which the nearest of these random
+    points lie.
     """
     from trimesh.triangles import closest_point
 
-    dense, faces, _ = sample_faces(corners, rng, _DENSE)
+    dense, faces, _ = sample_faces(corners, rng, count)
     tried = faces[cKDTree(dense).query(places, k=_FACES)[1]]  # [Q, _FACES]
     on = closest_point(corners[tried.ravel()], np.repeat(places, _FACES, axis=0))
     on = on.reshape(len(places), _FACES, 3)

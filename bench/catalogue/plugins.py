@@ -97,6 +97,8 @@ def find_metric(metric_id: str, device: str = "cpu") -> ImageMetric | SetMetric:
     if metric_id in FURTHER_METRICS:
         return _further(metric_id, device)
     if metric_id not in announced("metric"):
+        if metric_id in METRICS and METRICS[metric_id].kind == "surface":
+            raise BadInput(f"metric '{metric_id}': is of meshes; run 'bench surface DIR'")
         if metric_id in METRICS:
             raise BadInput(
                 f"metric '{metric_id}': {_lacking(metric_id)}suites that have it take it by "

@@ -51,6 +51,7 @@ _METRIC_KINDS = {  # the headings in the list of metrics, by the kind of the met
     "kernel": "of a set of images",
     "recognition": "of a judge",
     "control": "of a judge",
+    "surface": "of a mesh, by 'bench surface'",
     "": "of other packages",
 }
 # Columns of the terminal. A text that would have fewer beside its name is hard to read there, and

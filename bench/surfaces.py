@@ -1,0 +1,118 @@
+"""Scores of the meshes that the methods of a finished run make of the clouds that it has drawn."""
+
+from __future__ import annotations
+
+from collections.abc import Iterator, Mapping, Sequence
+from contextlib import closing
+from pathlib import Path
+from typing import Any
+
+import pandas as pd
+
+from bench.analysis.run import read_run
+from bench.analysis.surfaces import surface_rows
+from bench.catalogue.methods import find_run_method, is_foreign
+from bench.metrics.surface_distance import SURFACE_METRICS, surface_scores
+from bench.records.folder import PROTOCOL, locked_run
+from bench.records.job import JOB, Job, JobName
+from bench.running.plan import plan
+from bench.running.pool import TaskPool, WorkerFailure, submit_all
+from bench.running.protocol import Protocol
+from bench.running.work import cloud_of, load_renderer, reason_of, rng_of, seen_by
+from bench.tables.grid import Block, Cell, metric_cell, pivot, row_mappings
+from bench.tables.table import TABLES, Table, of_protocol, write_tables
+from data_prep.failures import StageFailure
+from data_prep.progress import progress
+from data_prep.randomness import generator
+from data_prep.scene import Mesh
+
+MESHES = "surface_meshes"  # the table with a row a mesh, which the next call goes on with
+_TEXTS = dict.fromkeys(("key", *JOB, "note"), str)  # its columns that are texts
+
+_REMARK = (
+    "Distances are in units of the object's radius. Means over objects, of several classes over "
+    "classes, with n_ok/n meshes. `bench list metrics` says what is better."
+)
+
+
+def measure_surfaces(directory: Path, methods: Sequence[str], workers: int) -> Table:
+    """Make the meshes of some methods of a run again, and return the table of their scores.
+
+    It is written, too. Meshes that were measured before are not measured again. Raises
+    BadInput where the clouds cannot be made again.
+    """
+    run = read_run(directory)
+    jobs = list(plan(Protocol.from_manifest(run.manifest, methods)).method_jobs)
+    with locked_run(directory):
+        rows = _kept(directory)
+        missing = [job for job in jobs if rows.get(job.name, {}).get("key") != job.key]
+        pool = TaskPool(_measured, workers, run.suite.limits, group=_foreign_method)
+        try:
+            with progress("meshes", len(missing)) as advance, closing(pool):
+                for job, scores in submit_all(missing, pool):
+                    failed = isinstance(scores, WorkerFailure)
+                    rows[job.name] = _row(job, {"note": scores.reason} if failed else scores)
+                    advance(sum(row["note"] != "" for row in rows.values()))
+        finally:  # also where it is interrupted
+            write_tables(directory, [Table(MESHES, "Meshes", pd.DataFrame(rows.values()))])
+        meshes = pd.DataFrame([rows[job.name] for job in jobs])
+        table = Table("surface", "Surfaces against the true meshes", surface_rows(meshes), _layout)
+        table = of_protocol(table, run.suite, run.manifest[PROTOCOL])
+        write_tables(directory, [table])
+    return table
+
+
+def _layout(frame: pd.DataFrame) -> Iterator[Block]:
+    """Yield a grid for each metric, methods down and conditions across, and why meshes failed."""
+    yield _REMARK
+    for metric, part in frame.groupby("metric", sort=False):
+        caption = str(metric)
+        yield f"## {caption}"
+        failed = row_mappings(part[part["note"] != ""])
+        notes = tuple(f"{row['method']} at {row['condition']}: {row['note']}" for row in failed)
+        yield pivot(
+            part, "method", "condition", _cell, corner="method", caption=caption, notes=notes
+        )
+
+
+def _cell(row: Any) -> Cell:
+    estimate = row["value"], row["ci_low"], row["ci_high"]
+    return metric_cell(estimate, row["metric"], count=(row["n_ok"], row["n"]))
+
+
+def _kept(directory: Path) -> dict[JobName, dict[str, Any]]:
+    """Return the rows of meshes that were measured before."""
+    empty = dict.fromkeys(SURFACE_METRICS, "")
+    path = directory / TABLES / f"{MESHES}.csv"
+    try:
+        # Only an empty score is no value: an object may have the name NA.
+        frame = pd.read_csv(path, dtype=_TEXTS, keep_default_na=False, na_values=empty)
+        rows = row_mappings(frame[[*_TEXTS, *SURFACE_METRICS]])
+    except (OSError, ValueError, KeyError):  # there is none, or another file: all are measured
+        return {}
+    return {JobName(*(row[name] for name in JOB)): row for row in rows}
+
+
+def _foreign_method(job: Job) -> str:
+    """Return the method of a job if its code is of others, which has workers of its own."""
+    return job.method if is_foreign(job.method) else ""
+
+
+def _row(job: Job, scores: Mapping[str, Any]) -> dict[str, Any]:
+    """Return the row of a mesh; scores that it lacks are NaN."""
+    names = {"key": job.key, **dict(zip(JOB, job.name, strict=True))}
+    return names | dict.fromkeys(SURFACE_METRICS, float("nan")) | {"note": ""} | dict(scores)
+
+
+def _measured(job: Job) -> dict[str, Any]:
+    """Return the scores of the mesh of a job, or a note why it has none. Runs in a worker."""
+    address = job.address or job.method
+    try:
+        true, cloud = job.object.load(), seen_by(find_run_method(address), cloud_of(job))
+        state = load_renderer(address, job.device).prepare(cloud, rng_of(job))
+        surface = getattr(state, "mesh", None)
+        if not isinstance(surface, Mesh):
+            raise StageFailure("surface", "the method has made no mesh")
+        return surface_scores(true, surface, generator(job.seed, "surface", *job.name.object))
+    except BaseException as error:  # not only Exception: a method may call exit()
+        return {"note": reason_of(error)}
