@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import io
 from collections.abc import Iterator, Mapping, Sequence
 from contextlib import closing
 from pathlib import Path
@@ -22,11 +23,13 @@ from bench.running.work import cloud_of, load_renderer, reason_of, rng_of, seen_
 from bench.tables.grid import Block, Cell, metric_cell, pivot, row_mappings
 from bench.tables.table import TABLES, Table, of_protocol, write_tables
 from data_prep.failures import StageFailure
+from data_prep.files.safe_read import MIB, read_text
 from data_prep.progress import progress
 from data_prep.randomness import generator
 from data_prep.scene import Mesh
 
 MESHES = "surface_meshes"  # the table with a row a mesh, which the next call goes on with
+_MOST_BYTES = 512 * MIB  # the largest such table that is read; a row has some 200 bytes
 _TEXTS = dict.fromkeys(("key", *JOB, "note"), str)  # its columns that are texts
 
 _REMARK = (
@@ -85,10 +88,11 @@ def _kept(directory: Path) -> dict[JobName, dict[str, Any]]:
     empty = dict.fromkeys(SURFACE_METRICS, "")
     path = directory / TABLES / f"{MESHES}.csv"
     try:
+        text = io.StringIO(read_text(path, _MOST_BYTES))
         # Only an empty score is no value: an object may have the name NA.
-        frame = pd.read_csv(path, dtype=_TEXTS, keep_default_na=False, na_values=empty)
+        frame = pd.read_csv(text, dtype=_TEXTS, keep_default_na=False, na_values=empty)
         rows = row_mappings(frame[[*_TEXTS, *SURFACE_METRICS]])
-    except (OSError, ValueError, KeyError):  # there is none, or another file: all are measured
+    except (ValueError, KeyError):  # there is none, or another file: all are measured
         return {}
     return {JobName(*(row[name] for name in JOB)): row for row in rows}
 

@@ -135,14 +135,14 @@ CASES: dict[str, str] = {
     "train gan --steps x": "see 'bench train gan --help'",
     # --- names that there are not
     "rnder": "unknown command 'rnder': did you mean 'render'? there are run, list, table, check, "
-    "report and 10 more; see 'bench --help'",
-    "xyz": "unknown command 'xyz': there are run, list, table, check, report and 10 more; ",
+    "report and 11 more; see 'bench --help'",
+    "xyz": "unknown command 'xyz': there are run, list, table, check, report and 11 more; ",
     "train gann": "unknown command 'gann': did you mean 'gan'? there are autoencoder, ",
     "list metrcs": "unknown section 'metrcs': did you mean 'metrics'? there are suites, methods, "
     "variants, conditions, metrics and 1 more; see 'bench list --help'",
     "run --suite chair-robustnes": "unknown suite 'chair-robustnes': did you mean "
     "'chair-robustness'? there are chair-robustness, speed-accuracy, thirteen-classes, "
-    "beyond-training, latent and 2 more; see 'bench list'",
+    "beyond-training, own-meshes and 3 more; see 'bench list'",
     f"{ROBUSTNESS} --methods splta,blank": "unknown method 'splta': did you mean 'splat'? there ",
     f"{ROBUSTNESS} --methods splta --dry-run": "unknown method 'splta': did you mean 'splat'? ",
     f"{ROBUSTNESS} --metrics nonsense --dry-run": "unknown metric 'nonsense': there are flip, ",

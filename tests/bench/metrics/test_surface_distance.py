@@ -18,22 +18,22 @@ def sphere(radius: float) -> Mesh:
     return Mesh(made.vertices, made.faces, np.zeros((len(made.faces), 3)))
 
 
-def square(up: float = 0, aside: float = 0, faces=SQUARE) -> Mesh:
-    corners = [(x + aside, y, up) for x, y in ((0, 0), (1, 0), (1, 1), (0, 1))]
+def square(up: float = 0, width: float = 1, faces=SQUARE) -> Mesh:
+    corners = [(width * x, y, up) for x, y in ((0, 0), (1, 0), (1, 1), (0, 1))]
     return Mesh(np.array(corners), np.array(faces).reshape(-1, 3), np.zeros((len(faces), 3)))
 
 
 # Spheres of flat faces are parallel, and their planes nearer than d by less than .1 %, as an edge
-# is .07 of the radius. Of the square beside, a strip of width .2 sticks out: distances there are
-# uniform in 0 to .2, so that the mean is .02, the mean square .2^3 / 3, and .81 are nearer than
-# .01. A few points in 10,000 may be compared with the face beside the nearest one.
+# is .07 of the radius. Of a square a strip of width .2 is missing: distances there are uniform in
+# 0 to .2, so that the mean is .02, the mean square .2^3 / 3, and .81 are nearer than .01; the other
+# way all are 0. A few points in 10,000 may be compared with the face beside the nearest one.
 STRIP = (0.2**3 / 3 - 0.02**2) ** 0.5
 CASES = {  # both meshes, the scores in the order of the table, and the deviation of one distance
     "two spheres": (sphere(0.8), sphere(0.85), (0.05, 0, 1), 0),
     "a sphere and itself": (sphere(0.8), sphere(0.8), (0, 1, 1), 0),
     "a square above": (square(), square(up=0.02), (0.02, 0, 1), 0),
     "a square that looks down": (square(), square(faces=((2, 1, 0), (3, 2, 0))), (0, 1, 1), 0),
-    "a square beside": (square(), square(aside=0.2), (0.02, 0.81, 1), STRIP),
+    "a part of a square": (square(), square(width=0.8), (0.01, 1.62 / 1.81, 1), STRIP),
 }
 
 
