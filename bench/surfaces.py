@@ -5,13 +5,14 @@ from __future__ import annotations
 import io
 from collections.abc import Iterator, Mapping, Sequence
 from contextlib import closing
+from functools import partial
 from pathlib import Path
 from typing import Any
 
 import pandas as pd
 
-from bench.analysis.run import read_run
-from bench.analysis.surfaces import surface_rows
+from bench.analysis.run import Run, read_run
+from bench.analysis.surfaces import rank_rows, surface_rows
 from bench.catalogue.methods import find_run_method, is_foreign
 from bench.metrics.surface_distance import SURFACE_METRICS, surface_scores
 from bench.records.folder import PROTOCOL, locked_run
@@ -32,16 +33,20 @@ MESHES = "surface_meshes"  # the table with a row a mesh, which the next call go
 _MOST_BYTES = 512 * MIB  # the largest such table that is read; a row has some 200 bytes
 _TEXTS = dict.fromkeys(("key", *JOB, "note"), str)  # its columns that are texts
 
-_REMARK = (
+_SCORES = (
     "Distances are in units of the object's radius. Means over objects, of several classes over "
     "classes, with n_ok/n meshes. `bench list metrics` says what is better."
 )
+_RANKS = (
+    "Spearman's rank correlation, positive where better surfaces have better images. Methods are "
+    "ranked by their means, objects within each method: n_ok of n, of which all have a mesh."
+)
 
 
-def measure_surfaces(directory: Path, methods: Sequence[str], workers: int) -> Table:
-    """Make the meshes of some methods of a run again, and return the table of their scores.
+def measure_surfaces(directory: Path, methods: Sequence[str], workers: int) -> list[Table]:
+    """Make the meshes of some methods of a run again, and return the tables of their scores.
 
-    It is written, too. Meshes that were measured before are not measured again. Raises
+    The tables are written, too. Meshes that were measured before are not measured again. Raises
     BadInput where the clouds cannot be made again.
     """
     run = read_run(directory)
@@ -59,23 +64,32 @@ def measure_surfaces(directory: Path, methods: Sequence[str], workers: int) -> T
         finally:  # also where it is interrupted
             write_tables(directory, [Table(MESHES, "Meshes", pd.DataFrame(rows.values()))])
         meshes = pd.DataFrame([rows[job.name] for job in jobs])
-        table = Table("surface", "Surfaces against the true meshes", surface_rows(meshes), _layout)
-        table = of_protocol(table, run.suite, run.manifest[PROTOCOL])
-        write_tables(directory, [table])
-    return table
+        tables = _tables(meshes, run)
+        write_tables(directory, tables)
+    return tables
 
 
-def _layout(frame: pd.DataFrame) -> Iterator[Block]:
-    """Yield a grid for each metric, methods down and conditions across, and why meshes failed."""
-    yield _REMARK
-    for metric, part in frame.groupby("metric", sort=False):
-        caption = str(metric)
+def _tables(meshes: pd.DataFrame, run: Run) -> list[Table]:
+    """Return the table of the scores of meshes, and that of their ranks beside those of images."""
+    ranks = rank_rows(meshes, run.jobs, run.headline)
+    of_scores = partial(_grids, by=["metric"], line="method", remark=_SCORES)
+    of_ranks = partial(_grids, by=["over", "image_metric"], line="surface_metric", remark=_RANKS)
+    tables = (
+        Table("surface", "Surfaces against the true meshes", surface_rows(meshes), of_scores),
+        Table("surface_ranks", "Do surfaces predict images?", ranks, of_ranks),
+    )
+    return [of_protocol(table, run.suite, run.manifest[PROTOCOL]) for table in tables]
+
+
+def _grids(frame: pd.DataFrame, by: list[str], line: str, remark: str) -> Iterator[Block]:
+    """Yield a grid for each value of some columns, conditions across, and why meshes failed."""
+    yield remark
+    for names, part in frame.groupby(by, sort=False):
+        caption = ", ".join(map(str, names))
         yield f"## {caption}"
         failed = row_mappings(part[part["note"] != ""])
-        notes = tuple(f"{row['method']} at {row['condition']}: {row['note']}" for row in failed)
-        yield pivot(
-            part, "method", "condition", _cell, corner="method", caption=caption, notes=notes
-        )
+        notes = tuple(f"{row[line]} at {row['condition']}: {row['note']}" for row in failed)
+        yield pivot(part, line, "condition", _cell, corner=line, caption=caption, notes=notes)
 
 
 def _cell(row: Any) -> Cell:

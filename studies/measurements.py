@@ -74,12 +74,14 @@ class QuotedRun(NamedTuple):
     metrics   of the file of values and of the comparisons; if there are none, all metrics of the
               run and the comparisons of FIRST
     copied    further tables of the run, each with the name of the file that it becomes
+    surfaces  whether `bench surface` measures the meshes of the run; no other values are written
     """
 
     options: str
     compared: tuple[str, ...] = ()
     metrics: tuple[str, ...] = ()
     copied: tuple[tuple[str, str], ...] = ()
+    surfaces: bool = False
 
 
 MEASUREMENTS: Mapping[str, QuotedRun] = {
@@ -145,6 +147,12 @@ MEASUREMENTS: Mapping[str, QuotedRun] = {
         f"--methods alpha-wrap,denoised-wrap,splat-fill,occupancy-net,{GREY},blank",
         _COMPARED_IN_GREY,
         JUDGES,
+    ),
+    "surfaces": QuotedRun(
+        f"{_ON_MESHES} --limit 3 --truth grey --methods surface-apss,surface-fit,surface-bpa,"
+        "poisson,alpha-wrap,denoised-wrap,occupancy-net,upsampled-wrap,blank",
+        copied=(("surface_ranks", "surface-ranks"),),
+        surfaces=True,
     ),
     "latent": QuotedRun(
         "--suite latent",
@@ -272,6 +280,8 @@ def measure(
     measurement = MEASUREMENTS[name]
     arguments = command(name, meshes)
     _bench(*arguments, "--out", str(out), *more)
+    if measurement.surfaces:
+        _bench("surface", str(out))
     texts = {}
     if of_scores(name):
         texts[f"{name}.csv"] = values(read_run(out), measurement.metrics)
@@ -322,10 +332,10 @@ def _bench(*arguments: str) -> None:
 def of_scores(name: str) -> bool:
     """Return whether the values of a measurement are written for the pages.
 
-    They are not for `known-chairs`, which is run for the claims alone, and for suites with tables
-    of their own.
+    They are not for `known-chairs`, which is run for the claims alone, for meshes, and for suites
+    with tables of their own.
     """
-    if name == "known-chairs":
+    if name == "known-chairs" or MEASUREMENTS[name].surfaces:
         return False
     options = MEASUREMENTS[name].options.split()
     asked = options[options.index("--suite") + 1]

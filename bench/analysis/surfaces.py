@@ -1,4 +1,4 @@
-"""Scores of meshes as means over objects.
+"""Scores of meshes: means over objects, and whether they order methods and objects as images do.
 
 A frame of meshes has a row for each method, condition and object: the names in JOB, a column for
 each of SURFACE_METRICS, and `note`, why there is no mesh.
@@ -6,13 +6,26 @@ each of SURFACE_METRICS, and `note`, why there is no mesh.
 
 from __future__ import annotations
 
+from collections.abc import Iterator, Sequence
+from itertools import product
+from typing import Any
+
 import numpy as np
 import pandas as pd
+from numpy.typing import NDArray
+from scipy.stats import rankdata
 
-from bench.analysis.compare import NAN
-from bench.analysis.intervals import mean_interval
+from bench.analysis.compare import ALL, NAN
+from bench.analysis.intervals import FEWEST, NO_INTERVAL, RESAMPLES, SEED, mean_interval
 from bench.analysis.paper import AVERAGE
+from bench.catalogue.metrics import column, higher_is_better
 from bench.metrics.surface_distance import SURFACE_METRICS
+from bench.records.job import JOB
+from data_prep.arrays import Floats
+
+_SPREAD = ["ci_low", "ci_high", "n_ok", "n"]
+_OVER = ("methods", "objects")  # what is ranked
+_FEWEST_METHODS = 3  # of two, one is the better, whatever the metric
 
 
 def surface_rows(meshes: pd.DataFrame) -> pd.DataFrame:
@@ -33,3 +46,63 @@ def surface_rows(meshes: pd.DataFrame) -> pd.DataFrame:
             rows.append((method, condition, class_name, metric, *estimate, note))
     columns = ["method", "condition", "class", "metric", "value", "ci_low", "ci_high"]
     return pd.DataFrame(rows, columns=[*columns, "n_ok", "n", "note"])
+
+
+def rank_rows(
+    meshes: pd.DataFrame, jobs: pd.DataFrame, image_metrics: Sequence[str]
+) -> pd.DataFrame:
+    """Return Spearman's correlation of each surface metric with each metric of images.
+
+    jobs  of the run, as `bench.analysis.run.Run` has them
+
+    It is positive where better surfaces have better images. Methods are ranked by their means,
+    classes counting alike; objects within each method, and the mean over methods is taken. Only
+    the `n_ok` of `n` objects count of which all methods have a mesh and images. Intervals are of a
+    bootstrap of the objects of each class.
+    """
+    for metric in image_metrics:
+        name = column(metric)
+        jobs = jobs.assign(**{metric: jobs[f"{name}_sum"] / jobs[f"{name}_count"]})
+    scored = meshes.merge(jobs[[*JOB, *image_metrics]], on=JOB)
+    every, rows = (*SURFACE_METRICS, *image_metrics), []
+    for condition, at_condition in scored.groupby("condition", sort=False):
+        wide = at_condition.pivot(index=JOB[2:], columns="method", values=list(every))
+        known = wide.dropna()
+        classes = known.index.get_level_values("class").to_numpy()
+        signs = [1 if higher_is_better(metric) else -1 for metric in every]
+        scores = np.stack(
+            [sign * known[m].to_numpy().T for sign, m in zip(signs, every, strict=True)]
+        )
+        methods, objects = scores.shape[1:]
+        if methods < _FEWEST_METHODS or not objects:
+            continue
+        found = _correlations(scores, classes)
+        drawn = [_correlations(scores[..., s], classes[s]) for s in _resamples(classes)]
+        low, high = np.percentile(drawn, [2.5, 97.5], axis=0)
+        pairs = product(enumerate(_OVER), enumerate(SURFACE_METRICS), enumerate(image_metrics, 3))
+        for (over, ranked), (i, surface), (j, image) in pairs:
+            place = over, i, j
+            interval = (low[place], high[place]) if objects >= FEWEST else NO_INTERVAL
+            about = (ranked, image, surface, condition, ALL, "spearman", found[place])
+            rows.append((*about, *interval, objects, len(wide), methods, ""))
+    columns = ["over", "image_metric", "surface_metric", "condition", "class", "metric", "value"]
+    return pd.DataFrame(rows, columns=[*columns, *_SPREAD, "methods", "note"])
+
+
+def _resamples(classes: NDArray[Any]) -> Iterator[NDArray[np.intp]]:
+    """Yield the places of objects that are drawn within each class."""
+    rng = np.random.default_rng(SEED)
+    places = [np.flatnonzero(classes == name) for name in np.unique(classes)]
+    for _ in range(RESAMPLES):
+        yield np.concatenate([rng.choice(members, len(members)) for members in places])
+
+
+def _correlations(scores: Floats, classes: NDArray[Any]) -> Floats:
+    """Return the correlations [2, K, K] over methods and over objects of K scores [K, M, G]."""
+    means = np.mean([scores[..., classes == n].mean(-1) for n in np.unique(classes)], axis=0)
+    ranks = rankdata(scores, axis=2)
+    ranks -= ranks.mean(axis=2, keepdims=True)
+    with np.errstate(invalid="ignore"):  # where all are equal there is no order
+        unit = ranks / np.linalg.norm(ranks, axis=2, keepdims=True)
+        of_methods = np.corrcoef(rankdata(means, axis=1))
+    return np.stack([of_methods, np.einsum("kmg,lmg->kl", unit, unit) / scores.shape[1]])

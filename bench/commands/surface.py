@@ -24,7 +24,7 @@ def surface(
     ] = None,
     workers: WorkersOption = None,
 ) -> None:
-    """Score the meshes that methods of a run make of its clouds against the true ones."""
+    """Score the meshes that methods of a run make, and say whether they order as images do."""
     manifest = read_finished(directory)
     known = manifest["methods"]
     able = [name for name in known if makes_surface(find_run_method(address_of(manifest, name)))]
@@ -34,4 +34,5 @@ def surface(
             f"--methods {methods or ','.join(known)}: methods of this run that make a mesh are "
             f"{', '.join(able) or 'none'}; give some of these, or add one with 'bench add'"
         )
-    print(measure_surfaces(directory, chosen, worker_count(workers) or cores()).to_markdown())
+    for table in measure_surfaces(directory, chosen, worker_count(workers) or cores()):
+        print(table.to_markdown())

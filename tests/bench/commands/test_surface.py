@@ -1,12 +1,13 @@
-"""`bench surface`: scores of the meshes of a run."""
+"""`bench surface`: scores of the meshes of a run, and whether they order as images do."""
 
 from __future__ import annotations
 
 import numpy as np
 import pandas as pd
 import pytest
+from scipy.stats import spearmanr
 
-from bench.analysis.surfaces import surface_rows
+from bench.analysis.surfaces import rank_rows, surface_rows
 from bench.metrics.surface_distance import SURFACE_METRICS
 from bench.records.job import JOB
 from data_prep.datasets.registry import open_dataset
@@ -38,6 +39,28 @@ def test_means_are_over_classes_and_failures_are_counted(meshes):
     assert row["ci_low"] < row["value"] < row["ci_high"]
 
 
+def test_ranks_are_those_of_scipy_and_of_the_objects_that_all_methods_have(meshes):
+    lpips = np.random.default_rng(5).random(len(meshes))
+    jobs = meshes.assign(lpips_sum=2 * lpips, lpips_count=2)
+    jobs = jobs.assign(ssim_sum=3 - 30 * meshes["chamfer"].fillna(0), ssim_count=3)[::-1]
+    rows = rank_rows(meshes, jobs, ["lpips", "ssim"])
+    rows = rows.set_index(["over", "surface_metric", "image_metric"])
+    known = meshes.assign(lpips=lpips)[meshes["object"].ne("0") | meshes["class"].eq("sofa")]
+    means = known.groupby(["method", "class"])[["f-score", "lpips"]].mean().groupby("method").mean()
+    within = [spearmanr(m["f-score"], -m["lpips"])[0] for _, m in known.groupby("method")]
+    expected = {
+        "methods": spearmanr(means["f-score"], -means["lpips"])[0],
+        "objects": np.mean(within),
+    }
+    for over, value in expected.items():
+        row = rows.loc[(over, "f-score", "lpips")]
+        assert row[["value", "n_ok", "n", "methods"]].tolist() == pytest.approx([value, 11, 12, 3])
+        assert row["ci_low"] < value < row["ci_high"] or abs(value) == 1
+        # An image metric that falls as the distance grows.
+        best = rows.loc[(over, "chamfer", "ssim"), ["value", "ci_low"]].tolist()
+        assert best == pytest.approx([1, 1])
+
+
 def test_a_run_is_measured_once_and_says_who_makes_a_mesh(tmp_path, command, refused):
     chairs = open_dataset("procedural").objects("chair", 2, 2)
     run = write_run(
@@ -55,6 +78,7 @@ def test_a_run_is_measured_once_and_says_who_makes_a_mesh(tmp_path, command, ref
     assert (status, rows.loc[(METHODS[0], "chamfer"), "value"]) == (0, 0.125)
     assert rows.loc[("alpha-wrap", "chamfer"), "value"] < 0.03
     assert out.startswith((run / "tables" / "surface.md").read_text())
+    assert len(pd.read_csv(run / "tables" / "surface_ranks.csv")) == 12
     assert "make a mesh are surface-bpa, surface-fit, alpha-wrap;" in refused(
         "surface", run, "--methods", "blank"
     )
