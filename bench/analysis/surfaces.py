@@ -76,14 +76,13 @@ def rank_rows(
         methods, objects = scores.shape[1:]
         if methods < _FEWEST_METHODS or not objects:
             continue
-        found = _correlations(scores, classes)
+        correlations = _correlations(scores, classes)
         drawn = [_correlations(scores[..., s], classes[s]) for s in _resamples(classes)]
         low, high = np.percentile(drawn, [2.5, 97.5], axis=0)
-        pairs = product(enumerate(_OVER), enumerate(SURFACE_METRICS), enumerate(image_metrics, 3))
-        for (over, ranked), (i, surface), (j, image) in pairs:
-            place = over, i, j
+        for over, surface, image in product(_OVER, SURFACE_METRICS, image_metrics):
+            place = _OVER.index(over), every.index(surface), every.index(image)
             interval = (low[place], high[place]) if objects >= FEWEST else NO_INTERVAL
-            about = (ranked, image, surface, condition, ALL, "spearman", found[place])
+            about = (over, image, surface, condition, ALL, "spearman", correlations[place])
             rows.append((*about, *interval, objects, len(wide), methods, ""))
     columns = ["over", "image_metric", "surface_metric", "condition", "class", "metric", "value"]
     return pd.DataFrame(rows, columns=[*columns, *_SPREAD, "methods", "note"])
