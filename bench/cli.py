@@ -37,7 +37,7 @@ COMMANDS = {
     "check": ("check:check", "Compare a run with golden values or itself; exit 1 if not equal."),
     "report": ("report:report", "Make an HTML page of a run, and a site over several."),
     "compare": ("compare:compare", "Compare two runs, or two methods of one, object by object."),
-    "score": ("score:score", "Measure a finished run with metrics of other packages."),
+    "score": ("score:score", "Measure a run with further metrics, or the images of two folders."),
     "surface": ("surface:surface", "Score the meshes of a run: Chamfer distance, F-score."),
     "render": ("render:render_clouds", "Draw the point clouds of files."),
     "train": ("train:app", "Train the networks."),

@@ -1,4 +1,4 @@
-"""Images as float32 in [0, 1] and as uint8, and images from untrusted PNG files.
+"""Images as float32 in [0, 1] and as uint8, and images from untrusted files.
 
 The header of a PNG, which tells its size, is checked before any pixels are decompressed.
 """
@@ -18,6 +18,7 @@ from data_prep.files.safe_read import MIB, open_file, reason_of
 from data_prep.scene import IMAGE_SIZE, Images, UInt8Images
 
 MOST_BYTES = 4 * MIB  # the largest PNG; 128 x 128 pixels RGBA have 64 KiB without compression
+_MOST_BYTES_OF_ANY = 64 * MIB  # the largest file of an image of any size
 _MODES = ("RGBA", "RGB", "LA", "L", "P")  # Pillow's names of the modes with 8 bits a channel
 _SIGNATURE = b"\x89PNG\r\n\x1a\n\x00\x00\x00\x0dIHDR"
 _HEADER = struct.Struct(">IIBB")  # width, height, bits a channel and colour type
@@ -59,7 +60,7 @@ def blank(count: int) -> NDArray[np.uint8]:
 class _Decoded(NamedTuple):
     """A PNG: its size and mode, whether it has a transparent colour, and RGBA [H, W, 4].
 
-    Only pixels of the benchmark's size with 8 bits a channel are decoded.
+    Only pixels of the wanted size with 8 bits a channel are decoded.
     """
 
     size: tuple[int, int]
@@ -68,18 +69,24 @@ class _Decoded(NamedTuple):
     rgba: NDArray[np.uint8] | None
 
 
-def _decoded(path: Path, remedy: str) -> _Decoded:
+def _decoded(
+    path: Path, remedy: str, formats: tuple[str, ...] = ("PNG",), most_bytes: int = MOST_BYTES
+) -> _Decoded:
     from PIL import Image
 
-    with open_file(path, MOST_BYTES) as file, warnings.catch_warnings():
+    of_any_size = len(formats) > 1
+    with open_file(path, most_bytes) as file, warnings.catch_warnings():
         warnings.simplefilter("error")  # Pillow warns of images that decompress to a huge size
         try:
-            with Image.open(file, formats=("PNG",)) as image:
-                usable = image.size == (IMAGE_SIZE, IMAGE_SIZE) and image.mode in _MODES
+            with Image.open(file, formats=formats) as image:
+                fits = of_any_size or image.size == (IMAGE_SIZE, IMAGE_SIZE)
+                usable = fits and image.mode in _MODES
                 rgba = np.asarray(image.convert("RGBA"), np.uint8) if usable else None
                 return _Decoded(image.size, image.mode, "transparency" in image.info, rgba)
         except Exception as error:  # the parsers of Pillow may raise any exception
-            raise BadInput(f"{path}: not a readable PNG ({reason_of(error)}); {remedy}") from error
+            kinds = " or ".join(formats)
+            reason = reason_of(error)
+            raise BadInput(f"{path}: not a readable {kinds} ({reason}); {remedy}") from error
 
 
 def read_image(path: Path) -> tuple[UInt8Images, str]:
@@ -95,10 +102,26 @@ def read_image(path: Path) -> tuple[UInt8Images, str]:
             f"{path}: {image.size[0]} x {image.size[1]} pixels of mode {image.mode}, expected "
             f"{IMAGE_SIZE} x {IMAGE_SIZE} of 8 bits a channel; scale or convert it"
         )
-    rgba = image.rgba.astype(np.float64)
+    return _on_white(image.rgba), image.mode
+
+
+def _on_white(rgba: NDArray[np.uint8]) -> NDArray[np.uint8]:
+    """Return an image [H, W, 4] laid on white, [H, W, 3]."""
     alpha = rgba[..., 3:] / 255.0
     white = np.floor(rgba[..., :3] * alpha + 255.0 * (1.0 - alpha) + 0.5)
-    return white.astype(np.uint8), image.mode
+    return white.astype(np.uint8)
+
+
+def read_any_image(path: Path) -> tuple[NDArray[np.uint8], bool]:
+    """Return a PNG, JPEG or WebP of any size laid on white, uint8 [H, W, 3].
+
+    Also returned is whether a pixel was transparent. Raises BadInput for a file that cannot be read
+    and for other than 8 bits a channel.
+    """
+    image = _decoded(path, "write it again", ("PNG", "JPEG", "WEBP"), _MOST_BYTES_OF_ANY)
+    if image.rgba is None:
+        raise BadInput(f"{path}: has pixels of mode {image.mode}; write it as 8-bit grey or RGB")
+    return _on_white(image.rgba), bool((image.rgba[..., 3] < 255).any())
 
 
 def check_opaque_png(path: Path) -> None:
