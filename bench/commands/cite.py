@@ -57,5 +57,5 @@ def _values(section: str, name: str) -> list[str]:
     A regular expression stands in for a YAML parser, which is no dependency; a test compares all
     values with those that a YAML parser reads.
     """
-    found = re.findall(rf"^[ -]*\b{name}: *(?:>-\n *)?(.*)$", section, flags=re.M)
-    return [text.strip('"') for text in found]
+    values = re.findall(rf"^[ -]*\b{name}: *(?:>-\n *)?(.*)$", section, flags=re.M)
+    return [text.strip('"') for text in values]
