@@ -199,7 +199,7 @@ FILES: dict[str, WeightFiles] = {
         "baselines.upsampler",
         "upsampler",
         "upsampler-weights-1",
-        {"all": "2392f5db51ea4124d5246426cac50fb172a377381fbf2230bb8ccff6b2502a68"},
+        {"all": "a6644843534269e5c55826198793a3a36fe33e5faf823b13741ad27a6bef9820"},
     ),
     "baselines.occupancy_net": _files(
         "baselines.occupancy_net",
