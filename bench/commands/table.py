@@ -2,20 +2,57 @@
 
 from __future__ import annotations
 
+from typing import Annotated
+
+import typer
+
 from bench.analysis.run import read_run
-from bench.commands.options import (
-    FormatOption,
-    RunDirectory,
-)
+from bench.catalogue.chosen import CHOSEN
+from bench.commands.options import Format, FormatOption, RunDirectory, names
 from bench.records.folder import locked_run
+from data_prep.failures import BadInput, unknown
 
 
-def table(directory: RunDirectory, format_: FormatOption = None) -> None:
-    """Make the tables of a run again, from its records."""
-    from bench.commands.printing import print_outputs
+def table(
+    directory: RunDirectory,
+    format_: FormatOption = None,
+    tables: Annotated[
+        str | None,
+        typer.Option(
+            help="Print these tables alone, comma-separated, by the names of their files: "
+            "'table3_ssim,headline'; in Markdown without --format. The folder keeps all tables."
+        ),
+    ] = None,
+    methods: Annotated[
+        str | None,
+        typer.Option(
+            help="Print these methods alone, comma-separated, in this order; bold is the best of "
+            "them. The folder keeps all methods."
+        ),
+    ] = None,
+) -> None:
+    """Make the tables of a run again, from its records; print all, or those asked for."""
+    from bench.commands.printing import in_format, print_outputs
     from bench.tables.build import write_outputs
 
-    read_run(directory)  # refuses a folder that is no run before a lock file is made in it
+    asked, asked_methods = names(tables), names(methods)
+    run = read_run(directory)  # refuses a folder that is no run before a lock file is made in it
+    for name in asked_methods or ():
+        if name not in (known := [*run.manifest["methods"], *CHOSEN]):
+            raise unknown(name, known, f"method of {directory}")
     with locked_run(directory):
         outputs = write_outputs(read_run(directory))
-    print_outputs(outputs, format_)
+    if asked is None and asked_methods is None:
+        print_outputs(outputs, format_)
+        return
+    by_name = {each.name: each for each in outputs.every}
+    for name in asked or ():
+        if name not in by_name:
+            raise unknown(name, [*by_name], f"table of {directory}")
+    chosen = [by_name[name] for name in asked or by_name]
+    if asked_methods is not None:
+        chosen = [each.of_methods(asked_methods) for each in chosen]
+        chosen = [each for each in chosen if len(each.frame)]
+        if not chosen:
+            raise BadInput(f"{directory}: these tables have no rows of {', '.join(asked_methods)}")
+    print(in_format(chosen, format_ or Format.md), end="")

@@ -194,6 +194,7 @@ class Grid:
     void      whether nothing was measured: Markdown then has the notes in place of the cells
     higher    whether a higher value is better: the report sorts the best first
     interval  what stands in brackets beside a value
+    keys      how many of the first columns tell a line from others of the same name
     """
 
     corner: str
@@ -206,6 +207,7 @@ class Grid:
     void: bool = False
     higher: bool = True
     interval: str = OVER_OBJECTS
+    keys: int = 0
 
     @property
     def valued(self) -> bool:
@@ -288,7 +290,7 @@ def pivot(
         name = line_name(of_line[0]) if line_name else str(key)
         table_rows.append(TableRow(name, tuple(cells), about(of_line)))
     heads = (*before, *map(column_name, across), *after)
-    return Grid(corner, heads, tuple(table_rows), **more)
+    return Grid(corner, heads, tuple(table_rows), keys=len(before), **more)
 
 
 def row_mappings(frame: pd.DataFrame) -> list[dict[str, Any]]:

@@ -257,7 +257,7 @@ def quality_table(spec: TableSpec, rows: pd.DataFrame, remark: str = "") -> Tabl
     """
 
     def layout(frame: pd.DataFrame) -> Iterator[Block]:
-        yield full_remark
+        yield remarks_on(frame)  # which may have some of the methods alone
         if spec.kind != "classes":
             several = frame["condition"].nunique() > 1 or frame["class"].nunique() == 1
             if spec.paper_layout and several:
@@ -270,9 +270,11 @@ def quality_table(spec: TableSpec, rows: pd.DataFrame, remark: str = "") -> Tabl
             yield from _classes_of_the_paper(part)
             yield from all_methods(part)
 
+    def remarks_on(frame: pd.DataFrame) -> str:
+        return " ".join(filter(None, [remark, _which_are_chosen(frame)]))
+
     frame = _with_chosen_rows(rows)
-    full_remark = " ".join(filter(None, [remark, _which_are_chosen(frame)]))
-    return Table(spec.name, spec.title, frame, layout, full_remark, hidden=HIDDEN)
+    return Table(spec.name, spec.title, frame, layout, remarks_on(frame), hidden=HIDDEN)
 
 
 def _with_chosen_rows(rows: pd.DataFrame) -> pd.DataFrame:

@@ -9,7 +9,7 @@ from __future__ import annotations
 import csv
 import io
 import math
-from collections.abc import Callable, Iterable
+from collections.abc import Callable, Iterable, Sequence
 from dataclasses import dataclass, replace
 from itertools import product
 from pathlib import Path
@@ -81,6 +81,19 @@ class Table:
     def to_latex(self) -> str:
         """Return the grids of the report as LaTeX, which has to follow `latex.PREAMBLE`."""
         return latex.document(self.name, self.title, self._blocks())
+
+    def of_methods(self, methods: Sequence[str]) -> Table:
+        """Return the table with the rows of these methods, in their order.
+
+        Of pairs of methods those remain of which both are among them.
+        """
+        frame = self.frame
+        for column in {"method", "rival"}.intersection(frame.columns):
+            frame = frame[frame[column].isin(methods)]
+        if "method" in frame.columns:
+            places = frame["method"].map(methods.index)
+            frame = frame.loc[places.sort_values(kind="stable").index]
+        return replace(self, frame=frame.reset_index(drop=True))
 
     def grids(self) -> tuple[Grid, ...]:
         """Return the grids that the report shows."""

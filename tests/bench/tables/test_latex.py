@@ -5,15 +5,25 @@ import shutil
 import subprocess
 
 import pytest
+from matplotlib import get_data_path
+from matplotlib.ft2font import FT2Font
 
-from bench.tables.grid import BEST
-from bench.tables.latex import PREAMBLE, escaped
+from bench.catalogue.suites import SUITES
+from bench.tables.grid import BEST, Cell, grid
+from bench.tables.latex import PREAMBLE, document, escaped
 from bench.tables.paper import published
 
 from .test_all_tables import RUNS
 from .test_markdown import ODD
 
-WHOLE = "\\documentclass{article}\n\\usepackage{booktabs}\n\\begin{document}\n%s\n\\end{document}\n"
+TABULAR = re.compile(
+    r"\\begin\{tabular\}\{(?:@\{\})?(\w+)(?:@\{\})?\}(.*?)\\end\{tabular\}\n", re.S
+)
+# Widths of a digit of Computer Modern in pt: at 9, 8 and 7 pt.
+DIGITS = {"small": 4.625, "footnotesize": 4.25, "scriptsize": 3.98}
+WHOLE = (
+    "\\documentclass%s{article}\n\\usepackage{booktabs}\n\\begin{document}\n%s\n\\end{document}\n"
+)
 
 
 def columns(row: str) -> int:
@@ -23,19 +33,65 @@ def columns(row: str) -> int:
 
 
 def check(text: str, folder) -> None:
-    """Assert that braces are balanced and rows whole, and that LaTeX takes it where it is here."""
+    """Assert that braces are balanced, rows whole and fit, and that LaTeX says so where it is."""
     code = re.sub(r"(?<!\\)%.*", "", text)
     bare = re.sub(r"\\[{}]", "", code)
     assert bare.count("{") == bare.count("}")
     assert text.isascii()
-    for spec, rows in re.findall(r"\\begin\{tabular\}\{(\w+)\}(.*?)\\end\{tabular\}", code, re.S):
+    for spec, rows in TABULAR.findall(code):
         lines = [row for row in re.split(r" \\\\\n", rows) if row.strip("\n")]
         assert {columns(row) for row in lines[:-1]} == {len(spec)}
-    if shutil.which("pdflatex"):
-        (folder / "paper.tex").write_text(WHOLE % text, encoding="utf-8")
+    for style in ("", "[twocolumn]") if shutil.which("pdflatex") else ():
+        (folder / "paper.tex").write_text(WHOLE % (style, text), encoding="utf-8")
         command = ("pdflatex", "-interaction=nonstopmode", "-halt-on-error", "paper.tex")
         ended = subprocess.run(command, cwd=folder, capture_output=True, check=False)
         assert ended.returncode == 0, ended.stdout[-2000:]
+        log = (folder / "paper.log").read_text(encoding="latin-1")
+        assert not re.findall(r"Overfull \\hbox|Float too large", log)
+
+
+def width(text, size):
+    """Return how wide a text is in Computer Modern, whose metrics Matplotlib has, in pt."""
+    font = FT2Font(f"{get_data_path()}/fonts/ttf/cmr10.ttf")
+    font.set_size(10, 72)  # any: widths count in those of a digit
+    digit, *advances = (font.load_char(ord(c)).linearHoriAdvance for c in "0" + text)
+    return DIGITS[size] * sum(advances) / digit
+
+
+def of_shape(suite):
+    """Return the grid of a suite's default run: methods and conditions, or classes and methods."""
+    columns, names = suite.conditions, suite.methods
+    if len(suite.classes) > 1:
+        columns, names = suite.methods, suite.classes
+    cell = Cell("0.812", 0.812, ("0.795", "0.830"), paper="0.64")
+    lines = [[name, *(cell for _ in columns)] for name in names]
+    return grid(["method", *columns], lines, caption="ssim (higher is better)")
+
+
+@pytest.mark.parametrize("suite", SUITES, ids=lambda suite: suite.id)
+def test_tables_of_default_runs_fit_with_all_values(tmp_path, suite):
+    shape = of_shape(suite)
+    title = "Table 3: SSIM (higher is better); protocol 4"
+    text = document("table3_ssim", title, [shape])
+    check(PREAMBLE + text, tmp_path)
+    cells = len(shape.lines) * len(shape.columns)
+    for size, heads in re.findall(r"^\\(\w+size|small).*\n.*\n.*\n(.*) \\\\$", text, re.M):
+        widths = [max(width(line.name, size) for line in shape.lines)]
+        for head in heads.split(" & ")[1:]:
+            widths.append(max(width(head, size), width("[0.795, 0.830]", "scriptsize")))
+        assert sum(widths) + 6 * (len(widths) - 1) <= 345
+    assert text.count(r"\benchvalue{0.812}{0.795}{0.830}") == text.count("& 0.64") == cells
+    number = text.count(r"\caption{ssim (higher is better); SSIM; protocol 4")
+    assert number == text.count(r"\begin{table")
+    assert (number == 1) == (suite.id == "chair-robustness")
+
+
+def test_a_grid_of_few_lines_is_turned():
+    cell = Cell("0.812", 0.812, ("0.795", "0.830"))
+    heads = [f"condition-{number}" for number in range(12)]
+    text = document("t", "T", [grid(["m", *heads], [["a", *(cell for _ in heads)]], caption="c")])
+    assert "\nm & a \\\\\n" in text
+    assert "\ncondition-0 & \\benchvalue" in text
 
 
 @pytest.mark.usefixtures("few_objects")
@@ -51,19 +107,19 @@ def test_published_values_stand_beside_ours(outputs_of):
     """The interval and the digits, of two objects, are those of the Markdown."""
     outputs = outputs_of("chair-robustness")
     table, distances, *_ = outputs.tables
-    assert "% fid, chair (lower is better): skipped: " in distances.to_latex()
-    text, shown = table.to_latex(), table.to_markdown()
+    text, shown, fid = table.to_latex(), table.to_markdown(), distances.to_latex()
+    assert "% fid, chair (lower is better): skipped: " in fid
+    assert "surface-apss & - & - & - & - & - \\\\\n\\quad paper & 94.0 & 183.8 & " in fid
     cells = [cell for grid in table.grids() for line in grid.lines for cell in line.cells]
-    heads = r"& \\multicolumn\{2\}\{c\}\{2048\} & .* & broken \\\\\n\\cmidrule\(lr\)\{2-3\}"
-    assert re.search(heads, text)
-    assert " & ours & paper & ours & paper" in text
-    assert re.search("surface-apss & [^&]* & 0.70 & ", text)  # as printed, not 0.7
+    assert re.search(r"surface-apss & .*\n\\quad paper & 0.70 & ", text)  # as printed, not 0.7
     ours, low, high = re.search(r"^\| pc2pix \| (\S+) \[(\S+), (\S+)\]", shown, re.M).groups()
     paper = published("chair-robustness")["chair", "ssim", "2048", "pc2pix"]
-    ends = f"\\benchci{{{escaped(low)}}}{{{escaped(high)}}}"
-    assert f"pc2pix & {ours}{ends} & {paper:.2f} & " in text.replace(f"\\textbf{{{ours}}}", ours)
+    ends = f"{{{escaped(low)}}}{{{escaped(high)}}}"
+    line = f"pc2pix & \\benchvalue{{{ours}}}{ends} & "
+    assert line in text.replace(f"\\textbf{{{ours}}}", ours)
+    assert re.search(rf"\npc2pix & .*\n\\quad paper & {paper:.2f} & ", text)
     assert text.count("\\textbf{") == sum(cell.special is BEST for cell in cells) > 0
-    assert "wrecked & -" in text
+    assert "wrecked & - (0/4) & " in text
     assert "paper: as published; other data (ShapeNet), other weights" in text
 
 
