@@ -7,10 +7,9 @@ from typing import Annotated
 import typer
 
 from bench.analysis.run import read_run
-from bench.catalogue.chosen import CHOSEN
 from bench.commands.options import Format, FormatOption, RunDirectory, names
 from bench.records.folder import locked_run
-from data_prep.failures import BadInput, unknown
+from data_prep.failures import unknown
 
 
 def table(
@@ -19,27 +18,26 @@ def table(
     tables: Annotated[
         str | None,
         typer.Option(
-            help="Print these tables alone, comma-separated, by the names of their files: "
-            "'table3_ssim,headline'; in Markdown without --format. The folder keeps all tables."
+            help="Print these tables alone, comma-separated, by the names of their files, as in "
+            "'table3_ssim,headline'; in Markdown where --format is not given. The folder keeps "
+            "all. Default: all."
         ),
     ] = None,
     methods: Annotated[
         str | None,
         typer.Option(
             help="Print these methods alone, comma-separated, in this order; bold is the best of "
-            "them. The folder keeps all methods."
+            "them. The folder keeps all. Default: all."
         ),
     ] = None,
 ) -> None:
     """Make the tables of a run again, from its records; print all, or those asked for."""
     from bench.commands.printing import in_format, print_outputs
     from bench.tables.build import write_outputs
+    from bench.tables.grid import ordered
 
     asked, asked_methods = names(tables), names(methods)
-    run = read_run(directory)  # refuses a folder that is no run before a lock file is made in it
-    for name in asked_methods or ():
-        if name not in (known := [*run.manifest["methods"], *CHOSEN]):
-            raise unknown(name, known, f"method of {directory}")
+    read_run(directory)  # refuses a folder that is no run before a lock file is made in it
     with locked_run(directory):
         outputs = write_outputs(read_run(directory))
     if asked is None and asked_methods is None:
@@ -51,8 +49,9 @@ def table(
             raise unknown(name, [*by_name], f"table of {directory}")
     chosen = [by_name[name] for name in asked or by_name]
     if asked_methods is not None:
+        known = ordered(method for each in chosen for method in each.frame["method"])
+        for name in asked_methods:
+            if name not in known:
+                raise unknown(name, known, "method of these tables")
         chosen = [each.of_methods(asked_methods) for each in chosen]
-        chosen = [each for each in chosen if len(each.frame)]
-        if not chosen:
-            raise BadInput(f"{directory}: these tables have no rows of {', '.join(asked_methods)}")
     print(in_format(chosen, format_ or Format.md), end="")

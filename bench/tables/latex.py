@@ -3,14 +3,13 @@ r"""Tables as LaTeX, for papers: the rules of `booktabs`, and ASCII alone.
 Each grid becomes a `table` with caption and label. The texts that Markdown has above and below it
 become comments. Below the values of a line stand their intervals, by a command that a paper may
 define otherwise, `\benchvalue`, and a line of the published values. A grid that is too wide for the
-text of `article` is set smaller, then turned, then divided into several tables.
+text of `article` is turned, or divided into several tables.
 """
 
 from __future__ import annotations
 
 import re
 from collections.abc import Iterable, Iterator, Sequence
-from dataclasses import dataclass
 from typing import NamedTuple
 
 from bench.tables.grid import BEST, MOVED, UNSURE, Block, Cell, Grid, meanings
@@ -33,12 +32,9 @@ _TEXT_WIDTH, _COLUMN_WIDTH, _LINES_HEIGHT = 345.0, 229.0, 430.0
 _GAP = 6.0  # pt between two columns: twice \tabcolsep as it is set below
 _WIDEST_TEXT = 100.0  # pt; a longer text in a cell is broken into lines
 _LINE_HEIGHT = 11.0  # pt from one line of small type to the next
-# How wide Computer Modern is in these sizes, in parts of its width at 10 pt.
-_SIZES = {r"\small": 0.925, r"\footnotesize": 0.85}
-_SCRIPT = 0.8  # the same of \scriptsize, in which intervals are set
-_BOLD = 1.15  # how much wider its bold digits are
-# Widths of its characters at 10 pt in pt, rounded up: digits and most letters have 5.1 or less.
-_NARROW, _USUAL, _WIDE = 3.1, 5.1, 8.0
+# Widths of Computer Modern at \footnotesize in pt, rounded up. Digits and most letters are usual.
+_NARROW, _USUAL, _WIDE = 2.7, 4.4, 6.8
+_SCRIPT, _BOLD = 0.94, 1.15  # how wide \scriptsize, which intervals have, and bold digits are
 _COMMANDS = {  # the LaTeX of a character
     "_": r"\_",
     "%": r"\%",
@@ -121,58 +117,41 @@ def _comment(text: str) -> str:
 
 
 class _Text(NamedTuple):
-    """The LaTeX of a cell, with about how wide it is.
-
-    width  in pt where the type has 10 pt
-    fixed  the width in pt of what has the same size in any type
-    """
+    """The LaTeX of a cell, about how wide it is in pt, and how many lines it takes."""
 
     code: str
     width: float
-    fixed: float = 0.0
+    lines: int = 1
 
 
+_Row = tuple[_Text, ...]
 _MISSING = _Text("-", _NARROW)
 _PAPER = _Text(r"\quad paper", 7 * _USUAL)  # the name of a line of published values
 
 
-@dataclass(frozen=True)
-class _Lines:
-    """The lines of a table, heads first; a line begins with its name, and with texts about it.
+def _widths(rows: Sequence[_Row]) -> list[float]:
+    """Return the width of each column with the gap beside it, in pt."""
+    return [max(text.width for text in column) + _GAP for column in zip(*rows, strict=True)]
 
-    keys  how many of its first texts tell a line from others, and stand in each part of a table
+
+def _parts(rows: Sequence[_Row], keys: int) -> Iterator[list[_Row]]:
+    """Yield a table as it is or turned, whichever fits, or parts of it that fit.
+
+    rows  the rows of the table, heads first
+    keys  how many of the first texts of a row tell it from others; each part has them
     """
-
-    lines: tuple[tuple[_Text, ...], ...]
-    keys: int = 1
-
-    def turned(self) -> _Lines:
-        return _Lines(tuple(zip(*self.lines, strict=True)))
-
-    def widths(self, scale: float) -> list[float]:
-        """Return the width of each column with the gap beside it, in pt."""
-        widths = []
-        for column in zip(*self.lines, strict=True):
-            widths.append(max(max(scale * text.width, text.fixed) for text in column) + _GAP)
-        return widths
-
-    def width(self, scale: float) -> float:
-        return sum(self.widths(scale)) - _GAP
-
-    def parts(self, scale: float) -> Iterator[_Lines]:
-        """Yield tables that are as wide and as high as a page at most, with all columns."""
-        widths = self.widths(scale)
-        room = _TEXT_WIDTH + _GAP - sum(widths[: self.keys])
-        head, *lines = self.lines
-        heights = []
-        for line in lines:  # an interval, like a long text, takes a second line
-            heights.append(_LINE_HEIGHT * (2 if any(text.fixed for text in line) else 1))
-        for down in _slices(heights, _LINES_HEIGHT):
-            for across in _slices(widths[self.keys :], room):
-                columns = slice(self.keys + across.start, self.keys + across.stop)
-                part = [(*line[: self.keys], *line[columns]) for line in (head, *lines[down])]
-                shown = [line for line in part if line[0] != _PAPER or {*line[1:]} != {_MISSING}]
-                yield _Lines(tuple(shown), self.keys)
+    room = _TEXT_WIDTH + _GAP
+    turned = [*zip(*rows, strict=True)]
+    if keys == 1 and sum(_widths(rows)) > room >= sum(_widths(turned)):
+        rows = turned
+    widths = _widths(rows)
+    head, *lines = rows
+    heights = [_LINE_HEIGHT * max(text.lines for text in line) for line in lines]
+    for down in _slices(heights, _LINES_HEIGHT):
+        for across in _slices(widths[keys:], room - sum(widths[:keys])):
+            columns = slice(keys + across.start, keys + across.stop)
+            part = [(*line[:keys], *line[columns]) for line in (head, *lines[down])]
+            yield [line for line in part if line[0] != _PAPER or {*line[1:]} != {_MISSING}]
 
 
 def _slices(sizes: Sequence[float], most: float) -> Iterator[slice]:
@@ -184,20 +163,6 @@ def _slices(sizes: Sequence[float], most: float) -> Iterator[slice]:
             start, total = number, 0.0
         total += size
     yield slice(start, len(sizes))
-
-
-def _fitted(whole: _Lines) -> tuple[str, list[_Lines]]:
-    """Return the size of type in which a table fits, turned where that helps, and its parts.
-
-    Where nothing fits it is divided, in the smallest size.
-    """
-    turned = [whole.turned()] if whole.keys == 1 else []
-    for lines in (whole, *turned):
-        for size, scale in _SIZES.items():
-            if lines.width(scale) <= _TEXT_WIDTH:
-                return size, [*lines.parts(scale)]
-    smallest = min(_SIZES, key=_SIZES.__getitem__)
-    return smallest, [*whole.parts(_SIZES[smallest])]
 
 
 def _tables(grid: Grid, label: str, title: str) -> Iterator[str]:
@@ -218,31 +183,32 @@ def _tables(grid: Grid, label: str, title: str) -> Iterator[str]:
         _PUBLISHED if any(cell.paper for cell in cells) else "",
         *meanings(cells),
     ]
-    texts = [tuple(map(_text, (grid.corner, *grid.columns)))]
+    rows = [tuple(map(_text, (grid.corner, *grid.columns)))]
     for line in lines:
         ours = [_MISSING if grid.void else _value(cell) for cell in line.cells]
-        texts.append((_text(line.name), *ours))
+        rows.append((_text(line.name), *ours))
         if any(cell.paper for cell in line.cells):
-            texts.append((_PAPER, *_published(line.cells, digits)))
-    size, parts = _fitted(_Lines(tuple(texts), 1 + grid.keys))
-    for number, part in enumerate(parts, 1):
+            rows.append((_PAPER, *_published(line.cells, digits)))
+    keys = 1 + grid.keys
+    parts = [*_parts(rows, keys)]
+    for number, (head, *body) in enumerate(parts, 1):
         several = len(parts) > 1
         caption = _caption(grid, title) + (f", part {number} of {len(parts)}" if several else "")
-        environment = "table" if part.width(_SIZES[size]) <= _COLUMN_WIDTH else "table*"
-        head, *rows = part.lines
-        columns = "l" * part.keys + "r" * (len(head) - part.keys)
+        width = sum(_widths([head, *body])) - _GAP
+        environment = "table" if width <= _COLUMN_WIDTH else "table*"
+        columns = "l" * keys + "r" * (len(head) - keys)
         yield "\n".join(
             [
                 rf"\begin{{{environment}}}",
                 r"\centering",
                 rf"\caption{{{escaped(caption)}}}",
                 rf"\label{{tab:{label}{f'-{number}' if several else ''}}}",
-                rf"{size}\setlength{{\tabcolsep}}{{{_GAP / 2:g}pt}}",
+                rf"\footnotesize\setlength{{\tabcolsep}}{{{_GAP / 2:g}pt}}",
                 rf"\begin{{tabular}}{{@{{}}{columns}@{{}}}}",
                 r"\toprule",
                 _row(head),
                 r"\midrule",
-                *map(_row, rows),
+                *map(_row, body),
                 r"\bottomrule",
                 r"\end{tabular}",
                 *(rf"\par{{\footnotesize {escaped(text)}}}" for text in remarks if text),
@@ -261,7 +227,7 @@ def _caption(grid: Grid, title: str) -> str:
     return f"{grid.caption}; {about}"
 
 
-def _row(texts: Iterable[_Text]) -> str:
+def _row(texts: _Row) -> str:
     return " & ".join(text.code for text in texts) + r" \\"
 
 
@@ -276,12 +242,12 @@ def _text(text: str) -> _Text:
     width = _width(text)
     if width > _WIDEST_TEXT and " " in text:
         code = rf"\parbox[t]{{{_WIDEST_TEXT:g}pt}}{{\raggedright {escaped(text)}\strut}}"
-        return _Text(code, width, _WIDEST_TEXT)
+        return _Text(code, _WIDEST_TEXT, 1 + int(width / _WIDEST_TEXT))
     return _Text(escaped(text), width)
 
 
 def _width(text: str) -> float:
-    """Return about how wide a text is in Computer Modern at 10 pt, in pt."""
+    """Return about how wide a text is in Computer Modern in small type, in pt."""
     widths = []
     for character in _with_minus(text):
         if character in " .,:;[]!'()ijlft|-":
@@ -316,5 +282,5 @@ def _value(cell: Cell) -> _Text:
     if not cell.interval:
         return _Text(code, width)
     low, high = map(escaped, cell.interval)
-    fixed = _SCRIPT * _width("[{}, {}]".format(*cell.interval))
-    return _Text(rf"\benchvalue{{{code}}}{{{low}}}{{{high}}}", width, fixed)
+    below = _SCRIPT * _width("[{}, {}]".format(*cell.interval))
+    return _Text(rf"\benchvalue{{{code}}}{{{low}}}{{{high}}}", max(width, below), 2)

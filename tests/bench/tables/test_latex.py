@@ -19,8 +19,7 @@ from .test_markdown import ODD
 TABULAR = re.compile(
     r"\\begin\{tabular\}\{(?:@\{\})?(\w+)(?:@\{\})?\}(.*?)\\end\{tabular\}\n", re.S
 )
-# Widths of a digit of Computer Modern in pt: at 9, 8 and 7 pt.
-DIGITS = {"small": 4.625, "footnotesize": 4.25, "scriptsize": 3.98}
+SMALL, SCRIPT = 4.25, 3.98  # widths of a digit of Computer Modern in pt: at 8 and 7 pt
 WHOLE = (
     "\\documentclass%s{article}\n\\usepackage{booktabs}\n\\begin{document}\n%s\n\\end{document}\n"
 )
@@ -50,12 +49,12 @@ def check(text: str, folder) -> None:
         assert not re.findall(r"Overfull \\hbox|Float too large", log)
 
 
-def width(text, size):
+def width(text, digit_pt):
     """Return how wide a text is in Computer Modern, whose metrics Matplotlib has, in pt."""
     font = FT2Font(f"{get_data_path()}/fonts/ttf/cmr10.ttf")
     font.set_size(10, 72)  # any: widths count in those of a digit
     digit, *advances = (font.load_char(ord(c)).linearHoriAdvance for c in "0" + text)
-    return DIGITS[size] * sum(advances) / digit
+    return digit_pt * sum(advances) / digit
 
 
 def of_shape(suite):
@@ -75,10 +74,10 @@ def test_tables_of_default_runs_fit_with_all_values(tmp_path, suite):
     text = document("table3_ssim", title, [shape])
     check(PREAMBLE + text, tmp_path)
     cells = len(shape.lines) * len(shape.columns)
-    for size, heads in re.findall(r"^\\(\w+size|small).*\n.*\n.*\n(.*) \\\\$", text, re.M):
-        widths = [max(width(line.name, size) for line in shape.lines)]
+    for heads in re.findall(r"\\toprule\n(.*) \\\\\n", text):
+        widths = [max(width(line.name, SMALL) for line in shape.lines)]
         for head in heads.split(" & ")[1:]:
-            widths.append(max(width(head, size), width("[0.795, 0.830]", "scriptsize")))
+            widths.append(max(width(head, SMALL), width("[0.795, 0.830]", SCRIPT)))
         assert sum(widths) + 6 * (len(widths) - 1) <= 345
     assert text.count(r"\benchvalue{0.812}{0.795}{0.830}") == text.count("& 0.64") == cells
     number = text.count(r"\caption{ssim (higher is better); SSIM; protocol 4")
