@@ -170,7 +170,7 @@ def _pass_test(name: str) -> None:
     """
     from bench.check.contract.plugin import plugin_findings
 
-    print(f"testing {name}, at most a minute", file=sys.stderr)
+    print(f"testing {name}, at most a minute of processor time", file=sys.stderr)
     findings = printed(plugin_findings(name), failed_only=True)
     if is_blocked(findings):
         print(summary(findings, "fix what is marked FAIL, then add it again"))

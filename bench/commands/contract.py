@@ -27,7 +27,7 @@ def test(
         ),
     ],
 ) -> None:
-    """Test a method, metric, dataset or condition of your own in workers, in at most a minute.
+    """Test a method, metric, dataset or condition of your own, in a minute of processor time.
 
     Exit 0 if it keeps the contract, 1 if something blocks a run or falsifies its results.
     """

@@ -6,13 +6,16 @@ An exception, a call of exit(), a signal and a hang of the worker become finding
 
 from __future__ import annotations
 
+import math
 import os
+import resource
+import signal
 import tempfile
 import time
 from collections.abc import Callable, Iterator, Mapping, Sequence
 from concurrent.futures.process import BrokenProcessPool
 from contextlib import closing
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from functools import cache
 from pathlib import Path
 from typing import Any, NamedTuple
@@ -24,6 +27,7 @@ from data_prep.failures import BadInput, MissingDependency
 
 # The exit status of a worker in which the plug-in called os._exit(0): any that nothing else uses.
 _EXIT_STATUS = 86
+_MOST_SLOWED = 5.0  # how many times as long a step may take on a busy machine
 _MOST_DEATHS = 3  # workers that a plug-in may end before its test is given up
 
 
@@ -51,24 +55,27 @@ class CheckStep:
 
 
 class _StepTask(NamedTuple):
-    """A step of the test of a plug-in."""
+    """A step of the test of a plug-in, with the seconds of processor time that it may take."""
 
     step: CheckStep
     name: str
+    processor_s: float
 
 
 @dataclass(frozen=True)
 class Report:
     """The finding of a step.
 
-    evidence  what the step found out for later steps
-    is_last   whether no further step is tried, as after a hang or with a missing library
+    evidence     what the step found out for later steps
+    is_last      whether no further step is tried, as after a hang or with a missing library
+    processor_s  the processor time of the step, seconds; 0 where its worker died
     """
 
     step: CheckStep
     finding: Finding
     evidence: Any = None
     is_last: bool = False
+    processor_s: float = 0.0
 
 
 def perform(
@@ -82,14 +89,15 @@ def perform(
 
     One worker does all steps; where a step ends it, the next step gets a new one. No step follows a
     report with `is_last`, the death of _MOST_DEATHS workers, or the time `until` of
-    `time.monotonic`.
+    `time.monotonic`. `limits.time_s` is processor time, of which a busy machine gives a worker
+    little: only after _MOST_SLOWED times as long by the clock a step is ended as one that hangs.
     """
-    deaths = 0
+    deaths, by_clock = 0, replace(limits, time_s=_MOST_SLOWED * limits.time_s)
     with tempfile.TemporaryDirectory(prefix=".bench-test-") as temporary:
         around = {**environment, "TMPDIR": temporary}
-        with closing(TaskPool(execute, 1, limits, around)) as pool:
+        with closing(TaskPool(execute, 1, by_clock, around)) as pool:
             for step in steps:
-                pool.submit(_StepTask(step, name))
+                pool.submit(_StepTask(step, name, limits.time_s))
                 try:
                     ended = list(pool.wait_any(until - time.monotonic()))
                 except BrokenProcessPool as error:
@@ -99,28 +107,33 @@ def perform(
                     return
                 ((_, result),) = ended
                 if isinstance(result, WorkerFailure):
-                    result, deaths = _report_of_death(step, result), deaths + 1
+                    result, deaths = _report_of_death(step, result, limits), deaths + 1
                 yield result
                 if result.is_last or deaths >= _MOST_DEATHS:
                     return
 
 
-def _report_of_death(step: CheckStep, lost: WorkerFailure) -> Report:
+def _report_of_death(step: CheckStep, lost: WorkerFailure, limits: Limits) -> Report:
     """Return the report of a step whose worker was killed or has died."""
     reason = lost.reason
+    if too_long := signal.SIGXCPU.name in reason:
+        reason = f"timeout: no result within {limits.time_s:g} s of processor time"
     if f"exit code {_EXIT_STATUS})" in reason:
         reason = "crash: os._exit(0) was called"
     finding = Finding(False, step.subject, reason, step.blocks)
-    return Report(step, finding, is_last=lost.kind == "timeout")
+    return Report(step, finding, is_last=too_long or lost.kind == "timeout")
 
 
 def execute(task: _StepTask) -> Report:
     """Carry out a step, in a worker."""
     _mark_exits()
-    folder = Path.cwd()
+    folder, start = Path.cwd(), time.process_time()
+    # At the soft limit the system ends the worker by SIGXCPU, also within code that is not Python.
+    _, hard = resource.getrlimit(resource.RLIMIT_CPU)
+    resource.setrlimit(resource.RLIMIT_CPU, (math.ceil(start + task.processor_s), hard))
     report = _checked(task)
     os.chdir(folder)
-    return report
+    return replace(report, processor_s=time.process_time() - start)
 
 
 def _checked(task: _StepTask) -> Report:

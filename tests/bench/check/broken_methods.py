@@ -211,6 +211,11 @@ def _hang():
         time.sleep(60)
 
 
+def _spin():
+    while True:
+        pass
+
+
 def _hog():
     kept = []
     while True:
@@ -257,6 +262,7 @@ PLUGINS = {
     "LEAVES": method(Acts, partial(os._exit, 0)),
     "CRASHES": method(Acts, partial(_kill, signal.SIGSEGV), 1),
     "HANGS_WITHOUT_POINTS": method(Acts, _hang, 0),
+    "SPINS": method(Acts, _spin, 0),
     "HOGS": method(Acts, _hog),
     "LOADS_NOTHING": method(Plain, load=_bad_weights),
     "NO_LIBRARY": method(Plain, load=_no_library),
@@ -293,6 +299,7 @@ FAULTS = {
     "LEAVES": ("images", "crash: os._exit(0) was called", True),
     "CRASHES": ("one point", "crash: the worker died (SIGSEGV)", True),
     "HANGS_WITHOUT_POINTS": ("no points", "timeout: no result within", True),
+    "SPINS": ("no points", "timeout: no result within 5 s of processor time", True),
     "HOGS": ("images", "memory: ", True),
     "NoDraw": ("import", "expected a Method", True),
     "NeedsAnArgument": ("loading", "missing 1 required positional argument: 'weights'", True),

@@ -72,8 +72,15 @@ def test_a_class_of_the_current_folder(tmp_path):
 
 
 def test_a_machine_on_which_no_worker_begins_is_a_finding():
-    (finding,) = plugin_findings(f"{MODULE}:Plain", Limits(60.0, 4.0), 3.0)
-    assert finding == Finding(False, "not tested", "all of it: 3 s are over")
+    (finding,) = plugin_findings(f"{MODULE}:Plain", Limits(60.0, 4.0), clock_s=3.0)
+    said = "all of it: 3 s are over; test it again when the machine is less busy"
+    assert finding == Finding(False, "not tested", said, blocks=False)
+
+
+def test_what_there_is_no_processor_time_for_is_a_warning():
+    *_, last = plugin_findings(f"{MODULE}:Plain", total_s=0.0)
+    assert (last.subject, last.verdict) == ("not tested", "warn")
+    assert last.text.endswith(": 0 s of processor time are over")
 
 
 @pytest.mark.slow
@@ -82,9 +89,11 @@ def test_the_time_of_a_whole_test_is_limited(tmp_path, monkeypatch):
     start = time.monotonic()
     texts = {
         finding.subject: finding.text
-        for finding in plugin_findings(f"{MODULE}:HANGS_WITHOUT_POINTS", Limits(60.0, 4.0), 20.0)
+        for finding in plugin_findings(
+            f"{MODULE}:HANGS_WITHOUT_POINTS", Limits(60.0, 4.0), clock_s=20.0
+        )
     }
     assert time.monotonic() - start < 20.0
     assert texts["calls"].startswith("8 others between change nothing")
     assert texts["not tested"].startswith("no points, one point, three points, ")
-    assert texts["not tested"].endswith("a point at infinity: 20 s are over")
+    assert "a point at infinity: 20 s are over; test it again" in texts["not tested"]
