@@ -2,7 +2,7 @@
 
 Exit status:
 0    done
-1    a negative result: a regression, jobs that give other results when they are computed again, an
+1    a negative result: a value that moved, jobs that give other results when computed again, an
      installation with failed checks, a training that diverged, or a method that failed (on a cloud,
      or on all objects of a run)
 2    an error that the user can fix

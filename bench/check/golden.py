@@ -10,22 +10,24 @@ from __future__ import annotations
 
 import math
 from collections.abc import Iterable, Mapping, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from pathlib import Path
 from typing import Any
 
 import pandas as pd
 
 from bench.analysis.run import Run, read_run
-from bench.catalogue.methods import role
+from bench.catalogue.methods import FLOOR, role
 from bench.catalogue.suites import STABILITY
 from bench.check.golden_values import golden, golden_name, golden_path
 from bench.check.objects import (
+    IMAGE_CHECKSUM,
     GoldenComparison,
     GoldenDeviation,
     GoldenObjects,
     Widths,
     compare_objects,
+    is_gain,
     number,
     read_golden_file,
     read_objects,
@@ -83,21 +85,21 @@ class CheckResult:
 
     @property
     def by_headline(self) -> tuple[list[str], list[str]]:
-        """Return the lines of regressions of the headline metrics, and those of all others."""
+        """Return the lines on what differs by the headline metrics, and by all others."""
         headline: list[str] = []
-        others = [*self.others]
+        others = [f"DIFFERS {line}" for line in self.others]
         for comparison in self.comparisons:
             if not comparison.problem:
                 continue
             if comparison.metric in self.headline_metrics:
-                headline.append(str(comparison))
+                headline.append(f"{comparison.verdict} {comparison}")
             else:
-                others.append(str(comparison))
+                others.append(f"{comparison.verdict} {comparison}")
         return headline, others
 
     @property
-    def regressions(self) -> tuple[str, ...]:
-        """Return a line for each regression."""
+    def differing(self) -> tuple[str, ...]:
+        """Return a line for each comparison beyond its tolerance, and for all else that differs."""
         problems = [str(comparison) for comparison in self.comparisons if comparison.problem]
         return (*self.others, *problems)
 
@@ -125,7 +127,7 @@ def check(directory: Path, widths: Widths | None = None, file: Path | None = Non
         result = CheckResult((), tuple(unexpected(outcomes)), (), outcomes=len(outcomes))
     else:
         result = _check_values(read_run(directory), widths or Widths())
-    if not (result.compared or result.regressions):
+    if not (result.compared or result.differing):
         raise BadInput(
             f"{directory}: nothing is compared, for none of its methods and conditions has golden "
             f"values; check a run of '{_command(manifest)}', or compare this one with itself: "
@@ -155,7 +157,8 @@ def _check_file(run: Run, file: Path, widths: Widths) -> CheckResult:
             names = ", ".join(sorted(absent))
             remarks.append(f"golden values of what this run has not, left out: {kind} {names}")
     remarks += notes
-    return CheckResult(comparisons, (), tuple(remarks), moved, run.suite.headline)
+    comparisons, truth = _truth_once(comparisons, moved)
+    return CheckResult(comparisons, truth, tuple(remarks), moved, run.suite.headline)
 
 
 def _own_protocol(manifest: Mapping[str, Any]) -> dict[str, Any]:
@@ -190,8 +193,38 @@ def _check_values(run: Run, widths: Widths) -> CheckResult:
         by_object, moved, notes = compare_objects(run, objects, widths, means=not whole)
         comparisons += by_object
         remarks += [*_without_golden(run.manifest, objects), *notes]
-    stale = tuple(_stale_tables(run.directory, written))
-    return CheckResult(comparisons, stale, tuple(remarks), moved, run.suite.headline)
+    comparisons, truth = _truth_once(comparisons, moved)
+    others = (*truth, *_stale_tables(run.directory, written))
+    return CheckResult(comparisons, others, tuple(remarks), moved, run.suite.headline)
+
+
+def _truth_once(
+    comparisons: Sequence[GoldenComparison], moved: Sequence[GoldenDeviation]
+) -> tuple[tuple[GoldenComparison, ...], tuple[str, ...]]:
+    """Return the comparisons without what follows from other true images, and a line on these.
+
+    The values of white images, and of other methods with them, differ where the truth does.
+    """
+    other = {deviation.item.object for deviation in moved if deviation.item.method == FLOOR}
+    if not {each.item.method for each in moved if each.item.object in other} - {FLOOR}:
+        return tuple(comparisons), ()
+    objects: dict[tuple[str, str, str], set[object]] = {}
+    for deviation in moved:
+        cell = (deviation.item.method, deviation.item.condition, deviation.metric)
+        objects.setdefault(cell, set()).add(deviation.item.object)
+    kept, following = [], 0
+    for compared in comparisons:
+        cell = (compared.method, compared.condition, compared.metric)
+        if compared.problem and cell[2] != IMAGE_CHECKSUM and objects.get(cell, other) <= other:
+            compared, following = replace(compared, problem=""), following + 1
+        kept.append(compared)
+    names = sorted("/".join(obj) for obj in other)
+    line = (
+        f"the true images, or the metrics: a white image has other values on {len(names)} objects, "
+        f"{names[0]} among them. {following} means follow from it and are not listed; where it is "
+        "meant, write golden values anew with --bless"
+    )
+    return tuple(kept), (line,)
 
 
 def _compare_means(
@@ -218,6 +251,7 @@ def _compare_means(
                 metric=row["metric"],
                 compared=1,
                 problem=problem,
+                better=is_gain(row["metric"], value - row["value"]),
             )
         )
     return tuple(comparisons)

@@ -34,6 +34,7 @@ from numpy.typing import NDArray
 
 from bench.analysis.run import Run, in_order
 from bench.catalogue.methods import known_method
+from bench.catalogue.metrics import higher_is_better
 from bench.check.golden_values import golden_name, golden_path
 from bench.check.thumbnails import SIDE, read_png, thumbnail, to_png
 from bench.check.tolerances import OBJECT_RENDERING, PRINTED, mean_tolerance, object_tolerance
@@ -356,6 +357,7 @@ class GoldenComparison:
 
     compared  the number of values that were compared
     problem   what differs; "" where all agree
+    better    whether what moved is better on the mean than before; None where nobody can tell
     """
 
     method: str
@@ -363,6 +365,14 @@ class GoldenComparison:
     metric: str
     compared: int
     problem: str = ""
+    better: bool | None = None
+
+    @property
+    def verdict(self) -> str:
+        """Return "moved (better)", "moved (worse)", or "moved" where nobody can tell."""
+        if self.better is None:
+            return "moved"
+        return "moved (better)" if self.better else "moved (worse)"
 
     def __str__(self) -> str:
         return f"{self.metric} of {self.method} at {self.condition}: {self.problem}"
@@ -439,7 +449,12 @@ def compare_objects(
                 problem = _moved_mean(method, metric, moves, widths, same)
             else:
                 problem = ""
-            comparisons.append(GoldenComparison(method, condition, metric, len(wanted), problem))
+            better = is_gain(metric, float((values[metric] - wanted[metric]).mean()))
+            if values[metric].isna().sum() > wanted[metric].isna().sum():
+                better = False  # values are gone
+            comparisons.append(
+                GoldenComparison(method, condition, metric, len(wanted), problem, better)
+            )
             moved += beyond
         if same or widths.strict:
             alike = wanted.index.difference([deviation.item for deviation in moved], sort=False)
@@ -470,6 +485,13 @@ def compare_objects(
         remark += f"; {mixture}"
     remarks.append(remark)
     return tuple(comparisons), tuple(moved), tuple(remarks)
+
+
+def is_gain(metric: str, change: float) -> bool | None:
+    """Return whether a change of a metric's value is for the better; None for one of nothing."""
+    if not change or math.isnan(change):
+        return None
+    return (change > 0) == higher_is_better(metric)
 
 
 def _deviations(

@@ -81,7 +81,10 @@ def check(
         list[Path], path_argument("DIR", "The folder of a finished run; several with --claims.")
     ],
 ) -> None:
-    """Compare a run with golden values, or with itself. Exit 0 if all agree, else 1."""
+    """Compare a run with golden values, or with itself. Exit 0 if all agree, else 1.
+
+    A value beyond its tolerance is "moved (better)" or "moved (worse)"; both exit 1.
+    """
     from bench.check import golden as checks
     from bench.check.deviations import moved_path, write_deviations
 
@@ -137,7 +140,7 @@ def check(
         print(_as_json(directory, verdict))
     else:
         print(_as_junit(directory, verdict))
-    if verdict.regressions:
+    if verdict.differing:
         raise typer.Exit(1)
 
 
@@ -173,14 +176,14 @@ def _print_verdict(verdict: CheckResult, drawn: Path | None) -> None:
         print(visible(line))
     first, others = verdict.by_headline
     for line in (*first, *others):
-        print(visible(f"REGRESSION {line}"))
+        print(visible(line))
     if verdict.headline:
         print(
             f"{' and '.join(verdict.headline_metrics)}: {verdict.headline} values, "
-            f"{len(first)} regressions; others: {verdict.compared - verdict.headline} values, "
-            f"{len(others)} regressions"
+            f"{len(first)} moved; others: {verdict.compared - verdict.headline} values, "
+            f"{len(others)} moved"
         )
-    print(f"{verdict.compared} golden values compared, {len(verdict.regressions)} regressions")
+    print(f"{verdict.compared} golden values compared, {len(verdict.differing)} moved")
     if drawn:
         print(f"the objects that moved most: {drawn}")
 
@@ -193,14 +196,15 @@ def _as_json(directory: Path, verdict: CheckResult) -> str:
 
     told = {
         "run": visible(str(directory)),
-        "agrees": not verdict.regressions,
+        "agrees": not verdict.differing,
         "compared": verdict.compared,
-        "regressions": [
+        "moved": [
             {
                 "method": comparison.method,
                 "condition": comparison.condition,
                 "metric": comparison.metric,
                 "problem": comparison.problem,
+                "better": comparison.better,
             }
             for comparison in verdict.comparisons
             if comparison.problem
@@ -232,14 +236,15 @@ def _as_junit(directory: Path, verdict: CheckResult) -> str:
         name = visible(f"{compared.metric} at {compared.condition}")
         case = ElementTree.SubElement(suite, "testcase", classname=method, name=name)
         if compared.problem:
-            ElementTree.SubElement(case, "failure", message=visible(str(compared)))
+            kind, said = compared.verdict, visible(str(compared))
+            ElementTree.SubElement(case, "failure", type=kind, message=said)
     for line in verdict.others:
         case = ElementTree.SubElement(suite, "testcase", classname="tables", name=visible(line))
         ElementTree.SubElement(case, "failure", message=visible(line))
     remarks = "\n".join(map(visible, verdict.remarks))
     ElementTree.SubElement(suite, "system-out").text = remarks
     suite.set("tests", str(len(verdict.comparisons) + len(verdict.others)))
-    suite.set("failures", str(len(verdict.regressions)))
+    suite.set("failures", str(len(verdict.differing)))
     ElementTree.indent(suite)
     return ElementTree.tostring(suite, encoding="unicode", xml_declaration=True)
 

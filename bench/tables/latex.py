@@ -248,17 +248,10 @@ def _text(text: str) -> _Text:
 
 def _width(text: str) -> float:
     """Return about how wide a text is in Computer Modern in small type, in pt."""
-    widths = []
-    for character in _with_minus(text):
-        if character in " .,:;[]!'()ijlft|-":
-            widths.append(_NARROW)
-        elif character.isupper() or character in "mw@%+=<>\u2212\u2248\xd7\xb1":
-            widths.append(_WIDE)
-        elif character.isascii():
-            widths.append(_USUAL)
-        else:
-            widths.append(_USUAL * len(_character(character)))
-    return sum(widths)
+    text = _with_minus(text)
+    narrow = len(re.findall(r"[ .,:;!'()\[\]ijlft|-]", text))
+    wide = len(re.findall("[A-Zmw@%+=<>−≈×±]", text))
+    return _NARROW * narrow + _WIDE * wide + _USUAL * (len(text) - narrow - wide)
 
 
 def _lacks_images(cell: Cell) -> bool:

@@ -52,12 +52,12 @@ def test_a_run_agrees_with_itself_and_so_does_a_part_of_it(run, command, tmp_pat
     for directory, times, remarks in ((part, 1, (fewer, SAME)), (run, 6, (SAME,))):
         result = check(directory)
         assert (result.compared, result.headline) == (times * values, times * first)
-        assert (result.regressions, result.remarks, result.moved) == ((), remarks, ())
+        assert (result.differing, result.remarks, result.moved) == ((), remarks, ())
     values, first = 6 * values, 6 * first
     said = (
-        f"{SAME}\nssim-object and lpips: {first} values, 0 regressions; "
-        f"others: {values - first} values, 0 regressions\n"
-        f"{values} golden values compared, 0 regressions\n"
+        f"{SAME}\nssim-object and lpips: {first} values, 0 moved; "
+        f"others: {values - first} values, 0 moved\n"
+        f"{values} golden values compared, 0 moved\n"
     )
     assert command("check", run) == (0, said, "")
 
@@ -71,15 +71,15 @@ def test_a_run_of_which_nothing_is_golden_does_not_pass(run, refused, tmp_path):
     )
 
 
-def test_regressions_of_the_headline_come_first(run, command):
+def test_moves_of_the_headline_come_first(run, command):
     for score in ("ssim", "lpips"):
         alter_records(run, score, lambda values: values + 0.25)
     write_outputs(read_run(run))
     status, out, _ = command("check", run)
     assert status == 1
-    named = [line.split()[1] for line in out.splitlines() if line.startswith("REGRESSION ")]
+    named = re.findall(r"^moved \(\w+\) (\S+)", out, re.M)
     assert named == ["lpips", "lpips", "ssim", "ssim"]  # the mean and the objects of each
-    assert "ssim-object and lpips: 48 values, 2 regressions; others: " in out
+    assert "ssim-object and lpips: 48 values, 2 moved; others: " in out
 
 
 def test_golden_values_are_the_tables_with_tolerances(run):
@@ -186,7 +186,7 @@ def test_denser_scanned_and_coloured_clouds_have_their_golden_values(command, tm
     status, out, _ = command(
         "check", tmp_path / "clouds", "--golden", GOLDEN_FOLDER / "clouds.json"
     )
-    assert (status, "0 regressions" in out) == (0, True), out
+    assert (status, "0 moved" in out) == (0, True), out
 
 
 def test_every_default_metric_has_a_tolerance():
@@ -217,20 +217,20 @@ def test_a_value_beyond_its_tolerance_is_a_regression(run, results, command, met
         frame.to_csv(path, index=False)
 
     move_golden(0.98)
-    assert check(run).regressions == ()
+    assert check(run).differing == ()
     move_golden(1.02)
     status, out, err = command("check", run)
     assert (status, err) == (1, "")
     remark, verdict, parts, total = out.splitlines()
     assert remark == SAME
     of_headline = int(metric in HEADLINE)
-    assert re.findall(r"(\d) regressions", parts) == [f"{of_headline}", f"{1 - of_headline}"]
-    assert verdict.startswith(f"REGRESSION {metric} of splat at 512: {value:.6f}, golden ")
+    assert re.findall(r"(\d) moved", parts) == [f"{of_headline}", f"{1 - of_headline}"]
+    assert verdict.startswith(f"moved (worse) {metric} of splat at 512: {value:.6f}, golden ")
     moved = value + sign * 1.02 * tolerance
     assert float(verdict.split("golden ")[1].split()[0]) == pytest.approx(moved, abs=2e-6)
     assert verdict.endswith(f"+- {tolerance:.6f} ({reason})")
     compared = 6 * (len(GOLDEN) + OBJECT_VALUES)
-    assert total == f"{compared} golden values compared, 1 regressions"
+    assert total == f"{compared} golden values compared, 1 moved"
 
 
 @pytest.mark.parametrize(
@@ -247,7 +247,7 @@ def test_a_value_that_is_gone_is_a_regression(run, harm, metrics):
     frame.loc[of_cell, [*harm]] = [*harm.values()]
     overwrite(path.parent, frame)
     write_outputs(read_run(run))
-    lines = check(run).regressions
+    lines = check(run).differing
     assert all(", golden " in line for line in lines)
     by_object = [line.split(" of ")[0] for line in lines if "objects moved" in line]
     assert by_object == [metric for metric in (*SSIM, *DETAIL) if metric in metrics]
@@ -269,7 +269,7 @@ def test_table_files_have_to_say_what_the_records_say(run, command, harm, name):
     status, out, _ = command("check", run)
     assert status == 1
     assert out.splitlines()[1] == (
-        f"REGRESSION {path}: not what the records give; 'bench table {run}' restores it"
+        f"DIFFERS {path}: not what the records give; 'bench table {run}' restores it"
     )
     assert command("table", run)[0] == 0
     assert command("check", run)[0] == 0
@@ -311,14 +311,14 @@ def test_another_truth_has_golden_values_of_its_own(tmp_path, run, results, comm
     }
     status, out, _ = command("check", part)
     assert status == 0
-    assert out.endswith("golden values compared, 0 regressions\n")
+    assert out.endswith("golden values compared, 0 moved\n")
     alter_records(grey, "ssim", lambda values: values + 0.25)
     write_outputs(read_run(grey))
     status, out, _ = command("check", grey)
     assert status == 1
-    assert "2 regressions" in out
-    assert "REGRESSION ssim of splat at 512" in out
-    assert check(run).regressions == ()
+    assert "2 moved" in out
+    assert ") ssim of splat at 512" in out
+    assert check(run).differing == ()
     said = refused("check", "--claims", grey)
     assert "the paper's claims are about images in colours; give a run without --truth" in said
 
@@ -354,7 +354,7 @@ def test_without_golden_values_by_object_the_run_has_to_be_whole(tmp_path, run, 
         path.unlink()
     result = check(run)
     assert (result.compared, result.headline) == (6 * len(GOLDEN), 6 * 2)
-    assert result.regressions == result.remarks == ()
+    assert result.differing == result.remarks == ()
     part = write_run(tmp_path / "part", objects=["chair/a", "chair/b"])
     said = refused("check", part)
     assert "no golden values for this protocol: objects 2 (golden: 3); " in said

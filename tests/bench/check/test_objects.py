@@ -45,8 +45,7 @@ def parts(values):
     """Return the line on so many values of all image metrics, none of which moved."""
     first = 2 * values // len(IMAGE_METRICS)
     return (
-        f"ssim-object and lpips: {first} values, 0 regressions; "
-        f"others: {values - first} values, 0 regressions"
+        f"ssim-object and lpips: {first} values, 0 moved; others: {values - first} values, 0 moved"
     )
 
 
@@ -115,13 +114,13 @@ def test_three_objects_of_one_method_at_one_condition(kind, request, command):
     beginning, _, worst = line.rpartition(": ")
     objects = 7 if kind == "run" else 5
     assert beginning == (
-        f"REGRESSION ssim of splat at 512: 3 of {objects} objects moved by more than 0.000001"
+        f"moved (worse) ssim of splat at 512: 3 of {objects} objects moved by more than 0.000001"
     )
     assert sorted(worst.split("; ")) == [
         f"chair/{name} {before - 0.002:.6f}, golden {before:.6f} (same images)"
         for name, before in zip("bcd", was, strict=True)
     ]
-    assert count.endswith("golden values compared, 1 regressions")
+    assert count.endswith("golden values compared, 1 moved")
     assert drawn == f"the objects that moved most: {run}/figures/moved.png"
 
 
@@ -143,7 +142,7 @@ def test_what_has_no_golden_value_is_named_and_left_out(tmp_path, golden_results
         SAME,
         # blank is the same at every condition, so that it has golden values at 1024
         parts(2 * 3 * len(IMAGE_METRICS)),
-        f"{2 * 3 * len(IMAGE_METRICS)} golden values compared, 0 regressions",
+        f"{2 * 3 * len(IMAGE_METRICS)} golden values compared, 0 moved",
     ]
 
 
@@ -152,7 +151,7 @@ def test_another_environment_widens_the_tolerance(part):
     # 0.0022, three times the largest move of a chair by a turn of 0.1 degree
     alter(part, dict.fromkeys("bcd", -0.002))
     verdict = check(part)
-    assert verdict.regressions == ()
+    assert verdict.differing == ()
     assert verdict.remarks == (
         PART,
         FEWER.format(20),
@@ -162,11 +161,9 @@ def test_another_environment_widens_the_tolerance(part):
     )
     strict = check(part, Widths(strict=True))
     assert strict.remarks[2].startswith("another environment than the golden values', compared to ")
-    assert (
-        "ssim of splat at 512: 3 of 5 objects moved by more than 0.000001" in strict.regressions[0]
-    )
+    assert "ssim of splat at 512: 3 of 5 objects moved by more than 0.000001" in strict.differing[0]
     alter(part, {"c": -0.001})
-    (line,) = check(part).regressions
+    (line,) = check(part).differing
     assert line.startswith("ssim of splat at 512: 1 of 5 objects moved by more than 0.002200: ")
     assert "chair/c" in line
 
@@ -175,12 +172,12 @@ def test_a_run_of_several_environments_is_compared_by_the_wider_tolerance(part):
     """The tolerance is the wider one even where the last jobs have the golden environment."""
     here = environment_of(read_manifest(part))
     alter(part, {"c": -0.001})
-    assert len(check(part).regressions) == 1
+    assert len(check(part).differing) == 1
     set_manifest(part, environments=[here | {"jobs": 9}])
-    assert len(check(part).regressions) == 1
+    assert len(check(part).differing) == 1
     set_manifest(part, environments=[here | {"jobs": 9}, here | {"jobs": 3, "torch": "0.1"}])
     result = check(part)
-    assert result.regressions == ()
+    assert result.differing == ()
     assert f"torch {here['torch']} | 0.1 (golden: {here['torch']}); wider" in result.remarks[-1]
     assert result.remarks[-1].endswith(
         f"its jobs were made in 2 environments: 9 with torch {here['torch']}; 3 with torch 0.1"
@@ -266,12 +263,12 @@ def test_no_value_is_golden_too(run, golden_results):
     write_outputs(read_run(run))
     bless(run)
     assert lines_of(SUITE)["thin-precision"].isna().sum() == 7
-    assert check(run).regressions == ()
+    assert check(run).differing == ()
     drawn = (frame["method"] == "blank") & (frame["object"] == "c") & (frame["view"] == 1)
     frame.loc[drawn & (frame["condition"] == "512"), "thin_precision"] = 0.25
     overwrite(path.parent, frame)
     write_outputs(read_run(run))
-    (line,) = check(run).regressions
+    (line,) = check(run).differing
     assert line == (
         "thin-precision of blank at 512: 1 of 7 objects moved by more than 0.000001: "
         "chair/c 0.250000, golden no value (same images)"
@@ -343,7 +340,7 @@ def test_the_objects_that_moved_most_beside_their_golden_images(run, golden_resu
     status, out, _ = command("check", run)
     assert status == 1
     assert (
-        "REGRESSION images of splat at 512: 2 of 7 objects have other images than the golden ones, "
+        "moved images of splat at 512: 2 of 7 objects have other images than the golden ones, "
         "though their values agree: chair/c; chair/e\n"
     ) in out
     assert not (run / "figures" / "moved.png").exists()
@@ -371,7 +368,7 @@ def test_a_read_only_folder_does_not_change_the_verdict(part, command):
     (part / "figures" / "moved.png").mkdir()  # cannot be replaced by a file
     status, out, err = command("check", part)
     assert status == 1
-    assert "REGRESSION ssim of splat" in out
+    assert ") ssim of splat" in out
     assert err.startswith(f"bench: {part}/figures/moved.png: cannot be written")
 
 

@@ -49,13 +49,13 @@ def test_a_cell_that_is_worse_by_three_thousandths_is_a_regression(run, tmp_path
     check = ("check", run, "--golden", golden)
     status, out, _ = command(*check)
     assert status == 0
-    assert out.endswith(" golden values compared, 0 regressions\n")
+    assert out.endswith(" golden values compared, 0 moved\n")
     alter(run, 0.003)
     status, out, _ = command(*check)
     assert status == 1
-    (line,) = (line for line in out.splitlines() if line.startswith("REGRESSION"))
+    (line,) = (line for line in out.splitlines() if line.startswith("moved "))
     assert line.startswith(
-        "REGRESSION lpips of splat at 2048: 10 of 10 objects moved by more than 0.000001: bench/"
+        "moved (worse) lpips of splat at 2048: 10 of 10 objects moved by more than 0.000001: bench/"
     )
     assert (line.count("golden "), line.endswith("; ...")) == (3, True)  # the largest moves alone
     assert (run / "figures" / "moved.png").exists()
@@ -70,7 +70,7 @@ def test_the_verdict_for_programs(run, tmp_path, command):
     status, out, _ = command(*check, "--format", "json")
     told = json.loads(out)
     assert (status, told["agrees"]) == (1, False)
-    (regression,) = told["regressions"]
+    (regression,) = told["moved"]
     assert [regression[n] for n in ("method", "condition", "metric")] == ["splat", "2048", "lpips"]
     assert len(told["objects"]) == 10
     moved = told["objects"][0]
@@ -114,13 +114,13 @@ def test_other_images_of_equal_values_are_a_regression(run, tmp_path, command):
     status, out, _ = command(*check)
     assert status == 1
     said = f"{OTHER_IMAGES.format(1)}{AGREE}bench/b\n"
-    assert f"REGRESSION {said}" in out
+    assert f"moved {said}" in out
     status, out, _ = command(*check, "--tolerance", "lpips=0.01")  # other images are allowed then
     assert (status, f"\n{said}" in f"\n{out}") == (0, True)
     redraw(run, "cdefg")
     alter(run, 0.003)
     _, out, _ = command(*check)
-    assert "REGRESSION images" not in out  # every object is named by its values
+    assert "moved images" not in out  # every object is named by its values
     alter(run, -0.003)
     write_manifest(run, read_manifest(run) | {"environment": {"gl": "another"}})
     assert command(*check)[0] == 0
@@ -153,8 +153,8 @@ def test_elsewhere_the_mean_of_a_cell_may_move_less_than_an_object(run, tmp_path
     assert status == 1
     # 0.0015 of 24 objects, and of 10 by the root of 24 / 10 as much
     assert (
-        "REGRESSION lpips of splat at 2048: the mean of 10 objects moved by +0.003000, more than "
-        "0.002324, though none of them by more than 0.010000\n"
+        "moved (worse) lpips of splat at 2048: the mean of 10 objects moved by +0.003000, more "
+        "than 0.002324, though none of them by more than 0.010000\n"
     ) in out
     assert command(*check, "--tolerance", "lpips=0.01")[0] == 0
 

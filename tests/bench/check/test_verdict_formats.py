@@ -22,7 +22,7 @@ from ..builders import make_manifest, overwrite, write_run, write_run_with_table
 
 OBJECTS = [f"chair/{name}" for name in "abcdefghij"]
 FORMATS = ("text", "json", "junit")
-LINE = re.compile(r"REGRESSION (\S+) of (\S+) at (\S+): (.*)")
+LINE = re.compile(r"moved(?: \(\w+\))? (\S+) of (\S+) at (\S+): (.*)")
 
 
 @pytest.fixture(scope="module")
@@ -98,14 +98,14 @@ CASES = {
 def told(form, out):
     """Return the cells that failed with what is said, and the lines on what is no cell."""
     if form == "text":
-        lines = [line for line in out.splitlines() if line.startswith("REGRESSION ")]
+        lines = [line for line in out.splitlines() if line.startswith(("moved", "DIFFERS"))]
         cells = {tuple(found.groups()[:3]): found[4] for found in map(LINE.match, lines) if found}
-        others = [line.removeprefix("REGRESSION ") for line in lines if not LINE.match(line)]
-        assert out.splitlines()[-1 - ("moved most" in out)].endswith(f"{len(lines)} regressions")
+        others = [line.removeprefix("DIFFERS ") for line in lines if not LINE.match(line)]
+        assert out.splitlines()[-1 - ("moved most" in out)].endswith(f"{len(lines)} moved")
     elif form == "json":
         verdict = json.loads(out)
         names = ("metric", "method", "condition")
-        cells = {tuple(map(c.get, names)): c["problem"] for c in verdict["regressions"]}
+        cells = {tuple(map(c.get, names)): c["problem"] for c in verdict["moved"]}
         others = verdict["others"]
         assert verdict["agrees"] == (not cells and not others)
     else:
@@ -140,6 +140,25 @@ def test_each_format_says_what_moved_and_fails(golden_run, command, name, form):
     assert {*cells} == {(metric, "splat", "512") for metric in failing}
     for metric, said in failing.items():
         assert cells[metric, "splat", "512"].startswith(said)
+        better = name.endswith(("rise rises", "fall falls"))
+        verdict = f"moved ({'better' if better else 'worse'})"
+        in_format = {"text": f"{verdict} {metric}", "junit": f'<failure type="{verdict}"'}
+        assert in_format.get(form, f'"better": {str(better).lower()}') in out
+
+
+@pytest.mark.parametrize("form", FORMATS)
+def test_other_true_images_are_said_once(golden_run, command, form):
+    frame = pd.read_parquet(golden_run / "records.parquet")
+    frame.loc[frame["object"].isin(["a", "b"]), ["ssim", "lpips", "psnr"]] += 0.1
+    overwrite(golden_run, frame)
+    alter = moved("contrast", 0.1, "c")  # of an object with the same true images
+    alter(golden_run)
+    golden = golden_run.with_name("golden.json")
+    status, out, _ = command("check", golden_run, "--golden", golden, "--format", form)
+    cells, (line,) = told(form, out)
+    assert (status, [*cells]) == (1, [("contrast", "splat", "512")])
+    assert line.startswith("the true images, or the metrics: a white image has other values on 2 ")
+    assert "chair/a among them. 12 means follow from it and are not listed" in line  # 3 of 4 cells
 
 
 @pytest.mark.parametrize("form", FORMATS)

@@ -56,10 +56,10 @@ def test_a_run_leaves_tables_and_figures_and_goes_on(finished, tmp_path):
     assert files() == before
 
     verdict = check(out)
-    assert (verdict.compared, verdict.regressions) == (2 * len(CASES), ())
+    assert (verdict.compared, verdict.differing) == (2 * len(CASES), ())
     path = out / "tables" / "stability_methods.csv"
     path.write_text(path.read_text().replace(",holds", ",unexpected", 1))
-    (regression,) = check(out).regressions
+    (regression,) = check(out).differing
     assert regression.startswith("blank, plain: images, 0.0 % not white; stated was: ")
     with pytest.raises(BadInput, match="writes its tables itself"):
         tables(read_run(out))
