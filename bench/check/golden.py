@@ -208,21 +208,21 @@ def _truth_once(
     other = {deviation.item.object for deviation in moved if deviation.item.method == FLOOR}
     if not {each.item.method for each in moved if each.item.object in other} - {FLOOR}:
         return tuple(comparisons), ()
-    objects: dict[tuple[str, str, str], set[object]] = {}
-    for deviation in moved:
-        cell = (deviation.item.method, deviation.item.condition, deviation.metric)
-        objects.setdefault(cell, set()).add(deviation.item.object)
+    else_moved = {
+        (each.item.method, each.item.condition, each.metric)
+        for each in moved
+        if each.item.object not in other
+    }
     kept, following = [], 0
-    for compared in comparisons:
-        cell = (compared.method, compared.condition, compared.metric)
-        if compared.problem and cell[2] != IMAGE_CHECKSUM and objects.get(cell, other) <= other:
-            compared, following = replace(compared, problem=""), following + 1
-        kept.append(compared)
-    names = sorted("/".join(obj) for obj in other)
+    for each in comparisons:
+        cell = (each.method, each.condition, each.metric)
+        follows = each.problem and each.metric != IMAGE_CHECKSUM and cell not in else_moved
+        following += bool(follows)
+        kept.append(replace(each, problem="") if follows else each)
     line = (
-        f"the true images, or the metrics: a white image has other values on {len(names)} objects, "
-        f"{names[0]} among them. {following} means follow from it and are not listed; where it is "
-        "meant, write golden values anew with --bless"
+        f"the true images, or the metrics: a white image has other values on {len(other)} objects, "
+        f"{'/'.join(min(other))} among them. {following} lines follow from it and are left out; "
+        "where it is meant, write golden values anew with --bless"
     )
     return tuple(kept), (line,)
 

@@ -26,8 +26,8 @@ def table(
     methods: Annotated[
         str | None,
         typer.Option(
-            help="Print these methods alone, comma-separated, in this order; bold is the best of "
-            "them. The folder keeps all. Default: all."
+            help="Print these methods alone, comma-separated; bold is the best of them. The "
+            "folder keeps all. Default: all."
         ),
     ] = None,
 ) -> None:

@@ -41,6 +41,7 @@ from data_prep.files.atomic_write import whole_folder, write_whole
 from data_prep.files.checksums import file_sha256
 from data_prep.files.clouds import save_ply
 from data_prep.progress import progress
+from data_prep.rendering.camera import camera_to_world
 from data_prep.scene import Mesh, UInt8Images
 
 # The metadata that all exports share, in the form of Croissant; each null in it is replaced.
@@ -149,7 +150,9 @@ def _write(task: Task) -> Rows:
         name = f"images/{place}/{number:02d}.png"
         write_whole(root / name, _png(image), synced=False)
         angles = repr(view.azimuth_deg), repr(view.elevation_deg)
-        rows[VIEWS].append((number, *angles, *with_checksum(name)))
+        # With nine digits it is the same on all machines, whose cosines differ in their last bits.
+        pose = " ".join(f"{each:.9f}" for each in camera_to_world(view).ravel())
+        rows[VIEWS].append((number, *angles, pose, *with_checksum(name)))
     return rows
 
 

@@ -178,7 +178,7 @@ def _tables(grid: Grid, label: str, title: str) -> Iterator[str]:
         grid.remark,
         *(grid.notes if grid.void else ()),
         f"in brackets: {grid.interval}" if any(cell.interval for cell in cells) else "",
-        _LACKING if any(map(_lacks_images, cells)) else "",
+        _LACKING if any(cell.count and cell.count[0] < cell.count[1] for cell in cells) else "",
         _BEST if any(cell.special is BEST for cell in cells) else "",
         _PUBLISHED if any(cell.paper for cell in cells) else "",
         *meanings(cells),
@@ -188,12 +188,16 @@ def _tables(grid: Grid, label: str, title: str) -> Iterator[str]:
         ours = [_MISSING if grid.void else _value(cell) for cell in line.cells]
         rows.append((_text(line.name), *ours))
         if any(cell.paper for cell in line.cells):
-            rows.append((_PAPER, *_published(line.cells, digits)))
+            texts = [f"{float(c.paper):.{digits}f}" if c.paper else "-" for c in line.cells]
+            rows.append((_PAPER, *map(_text, texts)))
+    # Without the table's number in the original paper, and what the grid's caption says, too.
+    about = re.sub(r"^Table \d+: | \((higher|lower) is better\)", "", title)
     keys = 1 + grid.keys
     parts = [*_parts(rows, keys)]
     for number, (head, *body) in enumerate(parts, 1):
-        several = len(parts) > 1
-        caption = _caption(grid, title) + (f", part {number} of {len(parts)}" if several else "")
+        caption, tag = f"{grid.caption}; {about}", label
+        if len(parts) > 1:
+            caption, tag = f"{caption}, part {number} of {len(parts)}", f"{label}-{number}"
         width = sum(_widths([head, *body])) - _GAP
         environment = "table" if width <= _COLUMN_WIDTH else "table*"
         columns = "l" * keys + "r" * (len(head) - keys)
@@ -202,7 +206,7 @@ def _tables(grid: Grid, label: str, title: str) -> Iterator[str]:
                 rf"\begin{{{environment}}}",
                 r"\centering",
                 rf"\caption{{{escaped(caption)}}}",
-                rf"\label{{tab:{label}{f'-{number}' if several else ''}}}",
+                rf"\label{{tab:{tag}}}",
                 rf"\footnotesize\setlength{{\tabcolsep}}{{{_GAP / 2:g}pt}}",
                 rf"\begin{{tabular}}{{@{{}}{columns}@{{}}}}",
                 r"\toprule",
@@ -218,23 +222,8 @@ def _tables(grid: Grid, label: str, title: str) -> Iterator[str]:
         )
 
 
-def _caption(grid: Grid, title: str) -> str:
-    """Return the caption, without the number that a table has in the original paper."""
-    about = re.sub(r"^Table \d+: ", "", title)
-    for direction in (" (higher is better)", " (lower is better)"):
-        if direction in grid.caption:  # which says it already
-            about = about.replace(direction, "")
-    return f"{grid.caption}; {about}"
-
-
 def _row(texts: _Row) -> str:
     return " & ".join(text.code for text in texts) + r" \\"
-
-
-def _published(cells: Sequence[Cell], digits: int) -> Iterator[_Text]:
-    """Yield the paper's values of a line."""
-    for cell in cells:
-        yield _text(f"{float(cell.paper):.{digits}f}") if cell.paper else _MISSING
 
 
 def _text(text: str) -> _Text:
@@ -254,16 +243,12 @@ def _width(text: str) -> float:
     return _NARROW * narrow + _WIDE * wide + _USUAL * (len(text) - narrow - wide)
 
 
-def _lacks_images(cell: Cell) -> bool:
-    return cell.count is not None and cell.count[0] < cell.count[1]
-
-
 def _value(cell: Cell) -> _Text:
     """Return the value as Markdown has it, with the number of images only where some failed."""
     layout = cell.special.markdown if cell.special else "{value}{interval}"
     before, after = layout.partition("{value}")[0], layout.partition("{interval}")[2]
     rest = after.replace("*", "")
-    if cell.count is not None and _lacks_images(cell):
+    if cell.count is not None and cell.count[0] < cell.count[1]:
         rest += " ({}/{})".format(*cell.count)
     rest += cell.rest
     if cell.value is None and not rest:

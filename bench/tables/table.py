@@ -9,7 +9,7 @@ from __future__ import annotations
 import csv
 import io
 import math
-from collections.abc import Callable, Iterable, Sequence
+from collections.abc import Callable, Collection, Iterable
 from dataclasses import dataclass, replace
 from itertools import product
 from pathlib import Path
@@ -82,17 +82,11 @@ class Table:
         """Return the grids of the report as LaTeX, which has to follow `latex.PREAMBLE`."""
         return latex.document(self.name, self.title, self._blocks())
 
-    def of_methods(self, methods: Sequence[str]) -> Table:
-        """Return the table with the rows of these methods, in their order.
-
-        Of pairs of methods those remain of which both are among them.
-        """
+    def of_methods(self, methods: Collection[str]) -> Table:
+        """Return the table with the rows of these methods; of pairs those of two of them."""
         frame = self.frame
         for column in {"method", "rival"}.intersection(frame.columns):
             frame = frame[frame[column].isin(methods)]
-        if "method" in frame.columns:
-            places = frame["method"].map(methods.index)
-            frame = frame.loc[places.sort_values(kind="stable").index]
         return replace(self, frame=frame.reset_index(drop=True))
 
     def grids(self) -> tuple[Grid, ...]:

@@ -5,7 +5,7 @@
     clouds.csv      a row for each cloud, as methods see it: class, object, condition, points, file,
                     sha256
     views.csv       a row for each true image: class, object, view, azimuth_deg, elevation_deg,
-                    file, sha256
+                    camera_to_world (4 x 4, row by row), file, sha256
     clouds/         the clouds as PLY
     images/         the true images as PNG, 128 x 128 RGB
     meshes/         the meshes as PLY with colours of faces
@@ -45,7 +45,10 @@ OBJECTS, CLOUDS, VIEWS = "objects.csv", "clouds.csv", "views.csv"
 COLUMNS = {
     OBJECTS: ("class", "object", "protocol", "seed", "dataset", "file", "sha256"),
     CLOUDS: ("class", "object", "condition", "points", "file", "sha256"),
-    VIEWS: ("class", "object", "view", "azimuth_deg", "elevation_deg", "file", "sha256"),
+    VIEWS: (
+        *("class", "object", "view", "azimuth_deg", "elevation_deg", "camera_to_world"),
+        *("file", "sha256"),
+    ),
 }
 UNPERTURBED = "2048"  # the condition that leaves the cloud of an object as it is
 MOST_BYTES = 256 * MIB  # the largest list that is read

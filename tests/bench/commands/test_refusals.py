@@ -51,8 +51,8 @@ def export_texts(folder, version):
         f"{chair},{version},0,procedural,,\n",
         f"{folder}/clouds.csv": "class,object,condition,points,file,sha256\n"
         f"{chair},2048,9,{stored}\n",
-        f"{folder}/views.csv": "class,object,view,azimuth_deg,elevation_deg,file,sha256\n"
-        f"{chair},0,0,0,{stored}\n",
+        f"{folder}/views.csv": "class,object,view,azimuth_deg,elevation_deg,"
+        f"camera_to_world,file,sha256\n{chair},0,0,0,,{stored}\n",
         f"{folder}/croissant.json": '{"distribution": []}',
     }
 

@@ -21,7 +21,9 @@ from bench.running.work import cloud_under, rng_of
 from data_prep.datasets.protocol_version import PROTOCOL_VERSION
 from data_prep.datasets.registry import open_dataset
 from data_prep.failures import BadInput
+from data_prep.files.meshes import read_mesh
 from data_prep.randomness import generator
+from data_prep.rendering.images import read_image
 
 from ..builders import refusal, run_suite
 
@@ -192,6 +194,22 @@ def test_an_altered_file_is_not_used(copied, jobs):
         (copied / file).write_bytes(other)
         with pytest.raises(BadInput, match=f"{file}: does not have the checksum of the list"):
             read()
+
+
+def test_the_mesh_lies_in_the_image_where_the_matrix_of_the_camera_says(exported):
+    view = pd.read_csv(exported / "views.csv").iloc[1]
+    a, e = np.radians((view["azimuth_deg"], view["elevation_deg"]))
+    pose = np.array(view["camera_to_world"].split(), float).reshape(4, 4)
+    eye = 4 * np.array((np.cos(e) * np.sin(a), np.sin(e), -np.cos(e) * np.cos(a)))
+    assert np.allclose(pose[:3, 3], eye, atol=1e-8)
+    mesh = read_mesh(exported / "meshes" / "chair" / "00000.ply")
+    x, y, z, _ = np.linalg.inv(pose) @ np.c_[mesh.vertices, np.ones(len(mesh.vertices))].T
+    drawn = (read_image(exported / view["file"])[0] < 255).any(axis=2)
+    for axis, (side, sign) in enumerate(((x, 1), (y, -1))):  # columns, then rows from the top
+        pixels = 64 + sign * 64 * (58 / 16) * side / -z  # a lens of 58 mm, half a sensor of 16 mm
+        (places,) = np.nonzero(drawn.any(axis=axis))
+        ends = places[0], places[-1] + 1
+        assert np.allclose(ends, (pixels.min(), pixels.max()), atol=1)
 
 
 @pytest.mark.filterwarnings("ignore::DeprecationWarning")  # of the libraries of mlcroissant
