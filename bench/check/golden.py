@@ -201,10 +201,8 @@ def _check_values(run: Run, widths: Widths) -> CheckResult:
 def _truth_once(
     comparisons: Sequence[GoldenComparison], moved: Sequence[GoldenDeviation]
 ) -> tuple[tuple[GoldenComparison, ...], tuple[str, ...]]:
-    """Return the comparisons without what follows from other true images, and a line on these.
-
-    The values of white images, and of other methods with them, differ where the truth does.
-    """
+    """Return the comparisons without what follows from other true images, and a line on these."""
+    # The values of white images, and those of other methods with them, differ where the truth does.
     other = {deviation.item.object for deviation in moved if deviation.item.method == FLOOR}
     if not {each.item.method for each in moved if each.item.object in other} - {FLOOR}:
         return tuple(comparisons), ()
@@ -221,8 +219,7 @@ def _truth_once(
         kept.append(replace(each, problem="") if follows else each)
     line = (
         f"the true images, or the metrics: a white image has other values on {len(other)} objects, "
-        f"{'/'.join(min(other))} among them. {following} lines follow from it and are left out; "
-        "where it is meant, write golden values anew with --bless"
+        f"{'/'.join(min(other))} among them. {following} lines that follow from it are left out"
     )
     return tuple(kept), (line,)
 

@@ -370,9 +370,7 @@ class GoldenComparison:
     @property
     def verdict(self) -> str:
         """Return "moved (better)", "moved (worse)", or "moved" where nobody can tell."""
-        if self.better is None:
-            return "moved"
-        return "moved (better)" if self.better else "moved (worse)"
+        return {True: "moved (better)", False: "moved (worse)", None: "moved"}[self.better]
 
     def __str__(self) -> str:
         return f"{self.metric} of {self.method} at {self.condition}: {self.problem}"

@@ -140,11 +140,6 @@ class Outputs:
     condition_sweep: Table | None
 
     @property
-    def every(self) -> list[Table]:
-        """Return all tables, in the order in which they are written."""
-        return [self.headline, *self.tables, *self.further]
-
-    @property
     def further(self) -> list[Table]:
         """Return the tables of this run that not every run has."""
         optional = (*(self.frontier_tables or ()), self.orderings, self.condition_sweep, self.tails)
@@ -169,7 +164,7 @@ def make_outputs(run: Run) -> Outputs:
 def write_outputs(run: Run) -> Outputs:
     """Make the tables of a run and write them; tables that it no longer has are removed."""
     outputs = make_outputs(run)
-    written = outputs.every
+    written = [outputs.headline, *outputs.tables, *outputs.further]
     write_tables(run.directory, written)
     of_suite = (spec.name for spec in run.suite.tables)
     of_images = map(metric_table_name, scored_metrics(run.directory))

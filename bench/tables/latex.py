@@ -24,11 +24,8 @@ PREAMBLE = r"""% \usepackage{booktabs} comes before this
 """
 _PUBLISHED = "paper: as published; other data (ShapeNet), other weights"
 _BEST = "bold: the best of those that compete"
-_LACKING = "in parentheses: how many images exist, of how many"
-# Lengths in pt. The first two are \textwidth of `article` at 10 pt, and \columnwidth of the
-# narrowest common style with two columns. The third is \textheight of `article` less a caption of
-# three lines, the heads and four remarks.
-_TEXT_WIDTH, _COLUMN_WIDTH, _LINES_HEIGHT = 345.0, 229.0, 430.0
+# Lengths in pt: \textwidth of `article` at 10 pt, and its \textheight less caption and remarks.
+_TEXT_WIDTH, _LINES_HEIGHT = 345.0, 430.0
 _GAP = 6.0  # pt between two columns: twice \tabcolsep as it is set below
 _WIDEST_TEXT = 100.0  # pt; a longer text in a cell is broken into lines
 _LINE_HEIGHT = 11.0  # pt from one line of small type to the next
@@ -178,7 +175,6 @@ def _tables(grid: Grid, label: str, title: str) -> Iterator[str]:
         grid.remark,
         *(grid.notes if grid.void else ()),
         f"in brackets: {grid.interval}" if any(cell.interval for cell in cells) else "",
-        _LACKING if any(cell.count and cell.count[0] < cell.count[1] for cell in cells) else "",
         _BEST if any(cell.special is BEST for cell in cells) else "",
         _PUBLISHED if any(cell.paper for cell in cells) else "",
         *meanings(cells),
@@ -198,12 +194,10 @@ def _tables(grid: Grid, label: str, title: str) -> Iterator[str]:
         caption, tag = f"{grid.caption}; {about}", label
         if len(parts) > 1:
             caption, tag = f"{caption}, part {number} of {len(parts)}", f"{label}-{number}"
-        width = sum(_widths([head, *body])) - _GAP
-        environment = "table" if width <= _COLUMN_WIDTH else "table*"
         columns = "l" * keys + "r" * (len(head) - keys)
         yield "\n".join(
             [
-                rf"\begin{{{environment}}}",
+                r"\begin{table*}",
                 r"\centering",
                 rf"\caption{{{escaped(caption)}}}",
                 rf"\label{{tab:{tag}}}",
@@ -216,7 +210,7 @@ def _tables(grid: Grid, label: str, title: str) -> Iterator[str]:
                 r"\bottomrule",
                 r"\end{tabular}",
                 *(rf"\par{{\footnotesize {escaped(text)}}}" for text in remarks if text),
-                rf"\end{{{environment}}}",
+                r"\end{table*}",
                 "",
             ]
         )
@@ -249,7 +243,7 @@ def _value(cell: Cell) -> _Text:
     before, after = layout.partition("{value}")[0], layout.partition("{interval}")[2]
     rest = after.replace("*", "")
     if cell.count is not None and cell.count[0] < cell.count[1]:
-        rest += " ({}/{})".format(*cell.count)
+        rest += " ({}/{} images)".format(*cell.count)
     rest += cell.rest
     if cell.value is None and not rest:
         return _text(cell.text)

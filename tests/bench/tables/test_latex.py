@@ -53,8 +53,7 @@ def of_shape(suite):
 @pytest.mark.parametrize("suite", SUITES, ids=lambda suite: suite.id)
 def test_tables_of_default_runs_fit_with_all_values(tmp_path, suite):
     shape = of_shape(suite)
-    title = "Table 3: SSIM (higher is better); protocol 4"
-    text = document("table3_ssim", title, [shape])
+    text = document("t", "Table 3: SSIM (higher is better); protocol 4", [shape])
     check(PREAMBLE + text, tmp_path)
     cells = len(shape.lines) * len(shape.columns)
     assert text.count(r"\benchvalue{0.812}{0.795}{0.830}") == text.count("& 0.64") == cells
@@ -96,7 +95,7 @@ def test_published_values_stand_beside_ours(outputs_of):
     assert line in text.replace(f"\\textbf{{{ours}}}", ours)
     assert re.search(rf"\npc2pix & .*\n\\quad paper & {paper:.2f} & ", text)
     assert text.count("\\textbf{") == sum(cell.special is BEST for cell in cells) > 0
-    assert "wrecked & - (0/4) & " in text
+    assert "wrecked & - (0/4 images) & " in text
     assert "paper: as published; other data (ShapeNet), other weights" in text
 
 
