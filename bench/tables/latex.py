@@ -17,7 +17,7 @@ from bench.tables.markdown import visible
 
 PREAMBLE = r"""% \usepackage{booktabs} comes before this
 % without intervals: \newcommand{\benchvalue}[3]{#1} before this
-\ifdefined\extrafloats\extrafloats{200}\fi % for all tables together, without text between them
+\ifdefined\extrafloats\extrafloats{200}\fi\maxdeadcycles=300 % where no text is between tables
 % table* spans both columns of a paper that has two, and is a table in a paper of one
 \providecommand{\benchvalue}[3]{%
   \begin{tabular}[t]{@{}r@{}}#1\\[-3pt]{\scriptsize [#2, #3]}\rule[-5pt]{0pt}{0pt}\end{tabular}}
