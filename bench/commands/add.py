@@ -22,7 +22,7 @@ from bench.commands.options import (
     path_option,
     worker_count,
 )
-from bench.entered.claims import ENTERED
+from bench.entered.claims import ENTERED, IMAGES_PREFIX
 from bench.records.folder import MANIFEST, read_finished
 from bench.running.options import Options, default_name
 from data_prep.datasets.exported import ExportedObject
@@ -91,6 +91,8 @@ def add(
     elif limit is not None or out is not None:
         name = "--out" if limit is None else "--limit"
         raise BadInput(f"{name}: the objects are those of {directory}; give --dataset with it")
+    elif any(name.startswith(IMAGES_PREFIX) for name in asked):
+        options = with_export(options)
     allow_modules(asked)
     for name in asked:
         if test and is_own(name):
@@ -127,6 +129,16 @@ def options_of(directory: Path, methods: Sequence[str], workers: int | None) -> 
     asked = {"methods": tuple(methods), "workers": workers, "out": directory}
     asked["device"] = manifest["device"]
     return Options(**{**values, **asked, "adds": True})
+
+
+def with_export(options: Options) -> Options:
+    """Return the options with the checksum of an export of their inputs, unless they are of one."""
+    from bench.running.export import checksum_of_inputs
+
+    if open_dataset(options.dataset).checksum is not None:
+        return options
+    log(f"{options.dataset}: its clouds and true images are compared with those of the export")
+    return replace(options, export=checksum_of_inputs(options))
 
 
 def on_dataset(options: Options, dataset: str, limit: int | None, out: Path | None) -> Options:

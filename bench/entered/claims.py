@@ -143,6 +143,18 @@ def entered_claims(manifest: Mapping[str, Any], method_id: str) -> Claims | None
         return None
 
 
+def drawn_export(manifest: Mapping[str, Any]) -> str | None:
+    """Return the checksum of the export that a run's methods were drawn from, None without such.
+
+    All of them were drawn from one, which was compared with the inputs of the run when they joined.
+    """
+    entered = manifest.get(ENTERED)
+    for name in entered if isinstance(entered, Mapping) else ():
+        if claims := entered_claims(manifest, name):
+            return claims.export
+    return None
+
+
 def address_of(manifest: Mapping[str, Any], method_id: str) -> str:
     """Return the text by which a method of a run is found: its id, or "images:" and its tree."""
     tree = _entry(manifest, method_id).get(TREE)

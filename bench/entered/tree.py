@@ -14,7 +14,6 @@ from collections.abc import Collection, Iterable, Iterator, Sequence
 from dataclasses import dataclass
 from hashlib import sha256
 from pathlib import Path, PurePosixPath
-from typing import TYPE_CHECKING
 
 import numpy as np
 
@@ -25,9 +24,6 @@ from data_prep.files.checksums import file_sha256
 from data_prep.files.safe_read import files_in, folders_in, shown
 from data_prep.rendering.images import check_opaque_png, read_opaque_png, to_float
 from data_prep.scene import CloudOrigin, Images, PointCloud, UInt8Images, View
-
-if TYPE_CHECKING:  # it reads clouds of all formats, which tables need not
-    from data_prep.datasets.exported import ExportedObject
 
 _MOST_NAMED = 3  # names in a line about images that are not used
 
@@ -70,7 +66,7 @@ class ImageTree:
             images.append(read_opaque_png(path))
         return to_float(np.stack(images))
 
-    def checksum(self, condition: str, obj: ExportedObject, count: int) -> str:
+    def checksum(self, condition: str, obj: SceneObject, count: int) -> str:
         """Return a checksum of the first `count` images of a cloud; missing ones count as such."""
         paths = self._images(condition, obj, count)
         sums = [(name, file_sha256(path)) for name, path in paths.items()]
@@ -80,27 +76,29 @@ class ImageTree:
         self,
         dataset: str,
         export: str | None,
-        objects: Iterable[ExportedObject],
+        objects: Iterable[SceneObject],
         conditions: Sequence[str],
         views: int,
     ) -> None:
         """Check that a run can use the tree; of images, the headers.
 
-        `export` is the checksum of the export that the dataset is, or None. Raises BadInput for a
-        dataset that is no export, or another than that of the images; for a tree without an image
-        for the run; for a link that leads out of the tree; and for a file of an image that is no
-        opaque image of the benchmark's size. Missing images are no error: they become failures.
+        `export` is the checksum of the export that the dataset is, or that its inputs would have;
+        None where neither is known. Raises BadInput for None, and for another than that of the
+        images; for a tree without an image for the run; for a link that leads out of the tree; and
+        for a file of an image that is no opaque image of the benchmark's size. Missing images are
+        no error: they become failures.
         """
         if export is None:
             raise BadInput(
                 f"{self.address}: has images of an export, and {dataset} is none; give --dataset "
-                "exported:PATH, the export that they were drawn from"
+                "exported:PATH, the export that they were drawn from, or join them to a finished "
+                "run by 'bench add', which compares its clouds and true images with the export"
             )
         if export != self.claims.export:
             raise BadInput(
                 f"{self.root / CLAIMS}: export {self.claims.export[:12]}... is not that of "
-                f"{dataset} ({export[:12]}...): {self._difference(objects)}; draw those of this "
-                "export"
+                f"{dataset} ({export[:12]}...): {self._difference(objects, views)}; draw those of "
+                "this export"
             )
         count = 0
         for obj in objects:
@@ -114,9 +112,14 @@ class ImageTree:
                 f"under {', '.join(conditions)}; write them there, as docs/extending.md shows"
             )
 
-    def _difference(self, objects: Iterable[ExportedObject]) -> str:
-        """Say how the clouds that were drawn differ from those of an export."""
-        views = {f"{obj.class_name}/{obj.object_id}": len(obj.images) for obj in objects}
+    def _difference(self, objects: Iterable[SceneObject], count: int) -> str:
+        """Say how the clouds that were drawn differ from those of a run with `count` views."""
+        from data_prep.datasets.exported import ExportedObject
+
+        views = {}
+        for obj in objects:
+            of_export = len(obj.images) if isinstance(obj, ExportedObject) else count
+            views[f"{obj.class_name}/{obj.object_id}"] = of_export
         drawn = {
             f"{class_name.name}/{obj.name}": len(list(obj.glob("*.png")))
             for condition in folders_in(self.root)
@@ -153,7 +156,7 @@ class ImageTree:
             elif name not in wanted:
                 yield name
 
-    def _images(self, condition: str, obj: ExportedObject, count: int) -> dict[str, Path]:
+    def _images(self, condition: str, obj: SceneObject, count: int) -> dict[str, Path]:
         """Return those of the first `count` images of a cloud that are there, by their names."""
         base = _base(condition, obj.class_name, obj.object_id)
         paths = {name: self._inside(name) for name in (_image(base, i) for i in range(count))}

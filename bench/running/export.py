@@ -13,6 +13,7 @@ from collections.abc import Iterable
 from dataclasses import replace
 from datetime import UTC, datetime
 from pathlib import Path
+from tempfile import TemporaryDirectory
 from typing import Any
 
 from bench.catalogue.conditions import ALL, CONDITIONS
@@ -95,6 +96,17 @@ def export(options: Options, out: Path) -> int:
     except OSError as error:
         raise not_writable(out, error) from error
     return len(objects)
+
+
+def checksum_of_inputs(options: Options) -> str:
+    """Return the checksum that an export of a run's inputs has; it is made, and removed again.
+
+    Raises BadInput as `export`.
+    """
+    with TemporaryDirectory() as folder:
+        out = Path(folder) / "export"
+        export(options, out)
+        return checksum_of(out)
 
 
 def _fill(folder: Path, protocol: Protocol, objects: Iterable[ObjectJobs], workers: int) -> None:

@@ -152,7 +152,7 @@ class Plan:
                 cloud, change, change_key = UNPERTURBED, Unchanged(), repr(Unchanged())
             method_key = protocol.identities[method.id]
             depends = [suite, method.id, cloud, identity, method_key, change_key, SCORES_VERSION]
-            if method.images is not None and isinstance(obj, ExportedObject):
+            if method.images is not None:
                 claims = method.images.claims
                 checksum = method.images.checksum(condition.id, obj, len(views))
                 depends += [checksum, claims.prepare_s, claims.draw_s]
@@ -189,13 +189,17 @@ def plan(protocol: Protocol) -> Plan:
             f"{len(protocol.objects)} are), without mesh or images to score against; draw it with "
             "'bench render'"
         )
-    exported = [obj for obj in protocol.objects if isinstance(obj, ExportedObject)]
-    for obj in exported:
-        obj.views(protocol.views, generator(protocol.seed))
+    for obj in protocol.objects:
+        if isinstance(obj, ExportedObject):  # refuses more views than it has
+            obj.views(protocol.views, generator(protocol.seed))
     for method in protocol.methods.values():
         if method.images:
             method.images.check(
-                protocol.dataset, protocol.export, exported, protocol.conditions, protocol.views
+                protocol.dataset,
+                protocol.export,
+                protocol.objects,
+                protocol.conditions,
+                protocol.views,
             )
     protocol.identities  # noqa: B018 -- refuses unusable weights before anything is drawn
     _refuse_without_mesh(protocol)

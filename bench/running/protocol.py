@@ -32,7 +32,7 @@ from bench.catalogue.suites import (
     truth_entry,
     with_truth,
 )
-from bench.entered.claims import address_of, manifest_entry
+from bench.entered.claims import address_of, drawn_export, manifest_entry
 from bench.metrics.inception_weights import DOWNLOAD, WEIGHTS_SHA256
 from bench.records.folder import CONDITION_IDENTITIES, FIXED
 from bench.records.folder import PROTOCOL as PROTOCOL_ENTRY
@@ -71,7 +71,8 @@ class Protocol:
     # The graphics driver and the libraries that images depend on, beside our own code.
     environment: Mapping[str, str]
     skipped: Mapping[str, str] = field(default_factory=dict)  # the reason for each skipped metric
-    export: str | None = None  # the checksum of an exported dataset; None for any other
+    # The checksum of an exported dataset, or of an export of the same inputs; None if unknown.
+    export: str | None = None
 
     @cached_property
     def identities(self) -> dict[str, list[Any]]:
@@ -136,7 +137,7 @@ class Protocol:
             feature_identity=identity,
             environment=(probe or environment)(),
             skipped=skipped,
-            export=dataset.checksum,
+            export=dataset.checksum or options.export,
         )
 
     @classmethod
@@ -171,7 +172,7 @@ class Protocol:
             features=(),
             feature_identity={},
             environment={},
-            export=dataset.checksum,
+            export=dataset.checksum or drawn_export(manifest),
         )
 
     def to_manifest(

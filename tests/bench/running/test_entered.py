@@ -210,14 +210,36 @@ def test_a_run_of_two_trees_has_a_row_of_each(
     assert repeated.split(",") == manifest["request"]["methods"]
     (tmp_path / "tree").rename("gone")
     write_run(Path("other"))
-    assert command("report", "out", "other")[0] == 0
-    index = Path("index.html").read_text()
+    assert command("report", "out", "other", "--out", "site")[0] == 0
+    index = Path("site/index.html").read_text()
     assert index.count("<small>claimed</small>") == 2  # costs of both
     assert "&lt;b&gt;cars&lt;/b&gt;" in index
     assert command("compare", "out", "--methods", "our-splat,second-splat")[0] == 0
     status, _, err = command(*adding)
     assert status == 2
     assert "its run cannot be continued on this machine: " in err
+
+
+@pytest.mark.slow
+def test_images_join_a_run_whose_inputs_are_those_of_the_export(
+    no_machine, exported, tree, command, monkeypatch
+):
+    """`our-splat` are the images of `splat`, so that both have the same values."""
+    monkeypatch.chdir(tree.parent)
+    asked = ("--conditions", "2048,512", "--limit", 2, "--views", 2, "--workers", 1)
+    run = ("run", "--suite", "chair-robustness", "--methods", "splat", *asked)
+    assert command(*run, "--out", "base")[0] == 0
+    assert command(*run, "--seed", 1, "--out", "other")[0] == 0
+    status, _, err = command("add", f"images:{tree}", "other", "--workers", 1)
+    assert (status, "other clouds or views, of another --seed perhaps" in err) == (2, True), err
+    assert command("add", f"images:{tree}", "base", "--workers", 1)[0] == 0
+    frame = pd.read_csv("base/tables/headline.csv")
+    values = frame.pivot(index=["metric", "condition"], columns="method", values="value")
+    np.testing.assert_allclose(values["our-splat"], values["splat"], rtol=1e-6)
+    assert command("table", "base")[0] == 0
+    assert command("check", "base", "--again", "1")[0] == 0
+    status, _, err = command("add", f"images:{tree}", "base", "--workers", 1)
+    assert (status, "0 jobs done" in err) == (0, True), err
 
 
 @pytest.mark.slow
@@ -231,7 +253,7 @@ def test_images_of_some_conditions_join_a_run(no_machine, exported, tree, comman
     assert command(*run)[0] == 0
     adding = ("add", f"images:{tree}", "base", "--workers", 1)
     status, _, err = command(*adding)
-    assert (status, "procedural is none; give --dataset exported:PATH" in err) == (2, True), err
+    assert (status, "other clouds or views, of another --seed perhaps" in err) == (2, True), err
     status, out, err = command(*adding, "--dataset", f"exported:{exported}")
     assert (status, "3 failed" in err) == (0, True), err
     assert "our-splat has 1 of 2 conditions: 512. Places and comparisons here are of " in out
