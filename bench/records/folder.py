@@ -52,6 +52,7 @@ _SCHEMA: Mapping[str, Any] = {
     **dict.fromkeys(("feature_identity", "environment", "versions"), _FACTS),
     **{name: {str: (int, float)} for name in ("stage_seconds", "worker_shares")},
     "finished": (None, str),
+    "added": [[str]],
     "identities": {str: [int, str, str]},
     "environments": [{"jobs": int, str: str}],
     "entered": {str: {"tree": str, "name": str}},

@@ -37,16 +37,25 @@ from bench.catalogue.conditions import condition_name, condition_words, conditio
 from bench.catalogue.lookup import family_of
 from bench.catalogue.methods import COST_VARIANTS, FLOOR, find_setting, role
 from bench.catalogue.metrics import higher_is_better
-from bench.tables.grid import MOVED, number_text, ordered, row_mappings
+from bench.tables.grid import FEWER, MOVED, number_text, ordered, row_mappings
 from bench.tables.quality import best_printed
 
 _Key = tuple[str, str, str]  # method, metric and condition of a cell
 
 
-def compact_table(rows: pd.DataFrame) -> dict[str, Any] | None:
+# How a method stands in a column: the mark of the page, and what it means.
+STANDINGS = {
+    "ahead": ("▲", "shown to be ahead of all others"),
+    "level": ("=", "not shown to be behind the best"),
+    "behind": ("▼", "shown to be behind the best"),
+}
+
+
+def compact_table(rows: pd.DataFrame, standings: Mapping[_Key, str]) -> dict[str, Any] | None:
     """Return the values of the headline, with a column for each metric and condition.
 
-    rows  as `quality_frame` returns them
+    rows       as `quality_frame` returns them
+    standings  as `in_short` returns them
 
     The best by the first metric stand first, the reference methods last. The best of a column is
     marked, and what is worse than a white image. None where no method has a value.
@@ -83,15 +92,19 @@ def compact_table(rows: pd.DataFrame) -> dict[str, Any] | None:
     lines = []
     for method in methods:
         cells = [_cell(row_of, best, (method, *column)) for column in columns]
+        for column, cell in zip(columns, cells, strict=True):
+            cell["standing"] = standings.get((method, *column), "")
         lines.append((method, role(method), cells))
+    coarse = any(is_coarse(row["metric"], row["images_of"]) for row in row_of.values())
     widths = Counter(metric for metric, _ in columns)
     return {
         "caption": caption,
         "metrics": [(metric, higher_is_better(metric), widths[metric]) for metric in metrics],
         "columns": heads,
         "lines": lines,
+        "standings": {name: STANDINGS[name] for name in STANDINGS if name in standings.values()},
         "failed": bool(rows["failed"].any()),
-        "coarse": any(is_coarse(row["metric"], row["images_of"]) for row in row_of.values()),
+        "coarse": f"{FEWER}. " if coarse else "",
     }
 
 
@@ -130,7 +143,6 @@ def _cell(rows: Mapping[_Key, Any], best: Container[_Key], key: _Key) -> dict[st
     }
 
 
-NAMED = 3  # methods that are named beside each other; the others are counted
 ALIKE = 1.1  # costs of which the highest is below this multiple of the lowest are given as one
 # What is said of the network against a rival, by who is ahead.
 SHOWN = {"b": "ahead of {}", "a": "behind {}", "tie": "not shown to differ from {}"}
@@ -141,6 +153,17 @@ class Statement(NamedTuple):
 
     term: str
     entries: tuple[tuple[tuple[str, ...], str], ...]
+
+
+class Answer(NamedTuple):
+    """The answer of a run.
+
+    lines      what is said in words
+    standings  by method, metric and condition one of `STANDINGS`, where it is shown
+    """
+
+    lines: tuple[Statement, ...]
+    standings: Mapping[_Key, str]
 
 
 @dataclass(frozen=True)
@@ -174,32 +197,17 @@ class _Contest:
         ahead = [self.ahead(self.leader, method) for method in self.methods[1:]]
         return not ahead or any(who != "unknown" for who in ahead)
 
-    @property
-    def undecided(self) -> tuple[str, ...]:
-        """Return the methods that are not shown to be behind the leader, the best first."""
-        return tuple(m for m in self.methods[1:] if self.ahead(m, self.leader) != "b")
+    def standing(self, method: str) -> str | None:
+        """Return whether a method is "ahead" of all others, "level" with the best or "behind" it.
 
-    @property
-    def rivals(self) -> tuple[str, ...]:
-        """Return those of other families than the leader that are not shown to be behind it."""
-        return tuple(m for m in self.undecided if family_of(m) != family_of(self.leader))
-
-    def clear_leader(self) -> tuple[str, ...]:
-        """Return the leader where it is shown to be ahead of all other families, else nothing."""
-        return () if self.rivals else (self.leader,)
-
-    def undecided_families(self) -> tuple[str, ...]:
-        """Return the leader and its rivals; nothing where it has none."""
-        return (self.leader, *self.rivals) if self.rivals else ()
-
-    def undecided_variants(self) -> tuple[str, ...]:
-        """Return the leader and variants of it that it is not shown to be ahead of.
-
-        Nothing where there are none, or where a method of another family is undecided as well.
+        Level are those that are not shown to be behind. None where nothing is shown of the two.
         """
-        if self.rivals or not self.undecided:
-            return ()
-        return (self.leader, *self.undecided)
+        if method == self.leader:
+            others = {self.ahead(method, other) for other in self.methods[1:]}
+            if others <= {"unknown"}:
+                return None
+            return "ahead" if others == {"a"} else "level"
+        return {"b": "behind", "tie": "level"}.get(self.ahead(method, self.leader))
 
     def cheapest(self, views: int) -> tuple[str, float] | None:
         """Return the cheapest method that no other is shown to be better than, and its cost in ms.
@@ -218,8 +226,8 @@ class _Contest:
         return any(self.ahead(method, other) == "b" for other in others)
 
 
-def in_short(compared: pd.DataFrame, metrics: Sequence[str], views: int) -> tuple[Statement, ...]:
-    """Return the answer of a run, line by line.
+def in_short(compared: pd.DataFrame, metrics: Sequence[str], views: int) -> Answer:
+    """Return the answer of a run: its lines, and how each method stands in each column.
 
     compared  a comparison of one class; of several classes that of all objects together
     metrics   metrics of images that the comparison has, the most important first
@@ -245,14 +253,19 @@ def in_short(compared: pd.DataFrame, metrics: Sequence[str], views: int) -> tupl
             contests.append(_Contest(by_method, metric, condition, methods, verdicts))
     if not contests:
         none = "no image of a method that competes was scored, nothing can be said"
-        return (Statement("No answer", (((), none),)),)
+        return Answer((Statement("No answer", (((), none),)),), {})
     lines = (
         _question(contests, every),
-        *_leads(contests, every),
-        _below_blank(contests, every),
+        *_undecided(contests, every),
         _cheapest(contests, views, every),
     )
-    return tuple(line for line in lines if line.entries)
+    standings = {
+        (method, contest.metric, contest.condition): standing
+        for contest in contests
+        for method in contest.methods
+        if (standing := contest.standing(method))
+    }
+    return Answer(tuple(line for line in lines if line.entries), standings)
 
 
 def _question(contests: Sequence[_Contest], every: Sequence[str]) -> Statement:
@@ -289,8 +302,8 @@ def _against(contest: _Contest, network: str, rival: str) -> str:
     return f"behind {rival} by its mean alone"
 
 
-def _leads(contests: Sequence[_Contest], every: Sequence[str]) -> Iterable[Statement]:
-    """Yield who is ahead, where that is shown and where not, or why nothing can be decided."""
+def _undecided(contests: Sequence[_Contest], every: Sequence[str]) -> Iterable[Statement]:
+    """Yield why nothing can be decided, and who is best by the means then."""
     leader = contests[0].leader
     if all(len(contest.methods) == 1 for contest in contests):
         yield Statement("One method", (((leader,), "has nothing to be compared with"),))
@@ -299,16 +312,11 @@ def _leads(contests: Sequence[_Contest], every: Sequence[str]) -> Iterable[State
         objects = objects_in_words(len(first["objects"]), first["class"])
         decide = f"{objects} here: at least {FEWEST} are needed"
         yield Statement("Not decided", (((), f"nothing can be shown with {decide}"),))
-        yield _statement("Best by its mean alone", lambda at: (at.leader,), contests, every)
-    else:
-        ahead, families, variants = (
-            "Ahead of all other families",
-            "Not decided from second place",
-            "Not decided between variants",
-        )
-        yield _statement(ahead, _Contest.clear_leader, contests, every)
-        yield _statement(families, _Contest.undecided_families, contests, every)
-        yield _statement(variants, _Contest.undecided_variants, contests, every)
+        led: dict[str, list[_Contest]] = {}
+        for contest in contests:
+            led.setdefault(contest.leader, []).append(contest)
+        entries = [((best,), _where(of_best, every)) for best, of_best in led.items()]
+        yield Statement("Best by its mean alone", tuple(entries))
 
 
 def counted(count: int, noun: str, many: str = "s") -> str:
@@ -322,23 +330,6 @@ def objects_in_words(count: int, class_name: str) -> str:
         return counted(count, "object")
     many = "es" if class_name.endswith(("s", "x", "ch", "sh")) else "s"
     return counted(count, class_name, many)
-
-
-def _below_blank(contests: Sequence[_Contest], every: Sequence[str]) -> Statement:
-    """Return the methods that a white image is better than, and where that is so."""
-    methods_by_text: dict[str, tuple[str, ...]] = {}
-    for method in dict.fromkeys(method for contest in contests for method in contest.methods):
-        below = []
-        for contest in contests:
-            if method not in contest.methods:
-                continue
-            if method in worse_than_blank(pd.DataFrame(contest.rows.values())):
-                below.append(contest)
-        if below:
-            text = _where(below, every)
-            methods_by_text[text] = (*methods_by_text.get(text, ()), method)
-    entries = tuple((methods, text) for text, methods in methods_by_text.items())
-    return Statement("Below a white image", entries)
 
 
 def _cheapest(contests: Sequence[_Contest], views: int, every: Sequence[str]) -> Statement:
@@ -360,31 +351,7 @@ def _cheapest(contests: Sequence[_Contest], views: int, every: Sequence[str]) ->
             text = f"{milliseconds(low)} to {milliseconds(high)}"
         where = _where([contest for contest, _ in of_method], every)
         entries.append(((method,), f"{text} ms for a cloud with {drawn}; {where}"))
-    return Statement("Cheapest that nothing beats", tuple(entries))
-
-
-def _statement(
-    term: str,
-    methods_of: Callable[[_Contest], tuple[str, ...]],
-    contests: Iterable[_Contest],
-    every: Sequence[str],
-) -> Statement:
-    """Return a line with an entry for each group of methods: at which conditions, by which metrics.
-
-    methods_of  returns the methods that a contest names, none where it has no part in the line
-    every       all conditions of the run, in their order
-    """
-    by_methods: dict[tuple[str, ...], list[_Contest]] = {}
-    for contest in contests:
-        if methods := methods_of(contest):
-            by_methods.setdefault(methods, []).append(contest)
-    entries = []
-    for methods, of_methods in by_methods.items():
-        text = _where(of_methods, every)
-        if len(methods) > NAMED:
-            text = f"and {len(methods) - NAMED} more, {text}"
-        entries.append((methods[:NAMED], text))
-    return Statement(term, tuple(entries))
+    return Statement("Cheapest not shown to be behind any", tuple(entries))
 
 
 def _where(contests: Iterable[_Contest], every: Sequence[str]) -> str:

@@ -26,6 +26,7 @@ from bench.records.frames import read_jobs
 from bench.records.job import TIMES, JobName
 from bench.report.answer import Statement, compact_table, counted, in_short, objects_in_words
 from bench.report.images import cases, extremes, grids, open_sources, shown_objects
+from bench.report.look import of_run
 from bench.report.page import inline, rendered
 from bench.report.plots import SweepPanel
 from bench.report.run_figures import (
@@ -37,7 +38,7 @@ from bench.report.run_figures import (
     quality_frame,
     quality_panels,
 )
-from bench.report.styles import method_styles
+from bench.report.styles import method_styles, rivals
 from bench.tables.build import Outputs, how_timed
 from bench.tables.frontier import cost_grid
 from bench.tables.table import Table
@@ -85,17 +86,18 @@ def read_page(made: Outputs) -> dict[str, Any]:
         by_cost, verdicts = compared(run, cost_metrics), verdicts_of(run, cost_metrics)
         points = frontier_verdicts(by_cost, views, verdicts)
         costed = cost_grid(by_cost, cost_metrics[0], views, verdicts)
-    for text in run.not_measured:
-        answer = (*answer, Statement("Not measured", (((), text),)))
+    not_measured = [Statement("Not measured", (((), text),)) for text in run.not_measured]
     unfolded = (made.condition_sweep, made.orderings)
     tables = []
     for table in (made.condition_sweep, *made.tables, made.tails, made.orderings):
         if table is not None:
             remark = _MARKUP.sub(r"\1", table.remark)
             tables.append((table.title, remark, table.grids(), table in unfolded))
-    arguments = ["bench", *map(str, manifest.get("command", [])[1:])]
+    table = compact_table(quality_frame(made.headline.frame), answer.standings)
+    best_first = rivals(method for method, *_ in table["lines"]) if table else []
     glossary = _glossary(manifest, suite, made.tables)
     return {
+        "scripts": ("report.js", "pictures.js", "viewer.js"),
         "title": manifest["suite"],
         "about": suite.about,
         "head": _head(manifest, records, suite.truth),
@@ -104,22 +106,29 @@ def read_page(made: Outputs) -> dict[str, Any]:
         "facts": _facts(manifest),
         "outcomes": [(str(o), int(n)) for o, n in records["outcome"].value_counts().items()],
         "shares": dict(manifest.get("worker_shares", {})),
-        "answer": list(answer),
-        "headline": compact_table(quality_frame(made.headline.frame)),
+        "answer": [*answer.lines, *not_measured],
+        "headline": table,
         **_plots(made, points),
         "tables": tables,
         "cost_table": costed,
         "cost_remark": how_timed(manifest),
+        "look": of_run(records, sources, best_first),
         "grids": grids(records, sources, headline[0]),
         "cases": cases(chosen, sources, headline[0]),
         "unseen": [sources.unseen] if sources.unseen else [],
         "failures": _failure_groups(records),
         "failed_images": int((records["outcome"] != "ok").sum()),
-        "command": shlex.join(arguments) if arguments[1:] else f"bench run {suite.id}",
+        "command": _shown_command(manifest.get("command", ())) or f"bench run {suite.id}",
+        "added": list(map(_shown_command, manifest.get("added", ()))),
         "manifest": json.dumps(manifest, indent=2, ensure_ascii=False).split("\n"),
         "meanings": glossary,
         "glossary": _anchors(glossary),
     }
+
+
+def _shown_command(command: Sequence[str]) -> str:
+    """Return a command line as one types it; "" for one without arguments."""
+    return shlex.join(["bench", *command[1:]]) if command[1:] else ""
 
 
 def _anchors(glossary: Glossary) -> dict[str, tuple[str, str]]:

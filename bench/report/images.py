@@ -30,7 +30,7 @@ from bench.running.work import cloud_under
 from bench.tables.grid import number_text, row_mappings
 from data_prep.failures import BadInput, StageFailure
 from data_prep.rendering.dots import draw_dots
-from data_prep.scene import View
+from data_prep.scene import PointCloud, View
 
 _CACHED = 32  # jobs whose images are held in memory, about 1 MB each; and as many clouds
 
@@ -57,8 +57,8 @@ class Sources:
         artifact = self.artifacts.get(item)
         return None if artifact is None else self._read(artifact)  # type: ignore[attr-defined]
 
-    def points(self, item: JobName) -> NDArray[np.float32] | None:
-        """Return the points [N, 3] that a job has drawn; None where they cannot be made again."""
+    def cloud(self, item: JobName) -> PointCloud | None:
+        """Return the cloud that a job has drawn; None where it cannot be made again."""
         job = self.clouds.get(item._replace(method=""))
         return None if job is None else self._sampled(job)  # type: ignore[attr-defined]
 
@@ -86,9 +86,9 @@ def _cloud_jobs(manifest: Mapping[str, Any], shown: Sequence[JobName]) -> dict[J
     return {job.name._replace(method=""): job for job in plan(protocol).method_jobs}
 
 
-def _sampled(job: Job) -> NDArray[np.float32] | None:
+def _sampled(job: Job) -> PointCloud | None:
     try:
-        return cloud_under(job, job.condition).points
+        return cloud_under(job, job.condition)
     except (BadInput, StageFailure, OSError):  # the file has gone, or the condition has failed
         return None
 
@@ -97,7 +97,7 @@ OBJECTS_SHOWN = 4  # objects of a single class; of several classes one object of
 _MOST_ACROSS = 8  # methods side by side; more stand below each other
 _MOST_CASES = 240  # worst and best images on the page, which make up most of its bytes
 EACH = 2  # worst images, and best ones, of a method at a condition; fewer where there are many
-CLOUD = "cloud"  # head of the column with the clouds
+CLOUD, TRUTH = "cloud", "truth"  # heads of the columns of clouds and of true images
 
 
 def shown_objects(records: pd.DataFrame) -> list[tuple[str, str]]:
@@ -165,14 +165,15 @@ def grids(images: pd.DataFrame, sources: Sources, metric: str) -> list[dict[str,
         for condition in conditions:
             item = JobName(GROUND_TRUTH, condition, class_name, obj)
             cells = [
-                (_cloud(sources, item, view, f"the cloud at {condition}, {name}"), ""),
-                (_drawn(sources, item.truth, 0, f"the truth, {name}"), ""),
+                (_cloud(sources, item, view, f"the cloud at {condition}, {name}"), "", CLOUD),
+                (_drawn(sources, item.truth, 0, f"the truth, {name}"), "", TRUTH),
             ]
             for method in methods:
                 record = record_of.get((method, condition))
-                cells.append(_grid_cell(sources, item._replace(method=method), record, metric))
+                of_method = item._replace(method=method)
+                cells.append((*_grid_cell(sources, of_method, record, metric), ""))
             rows.append(cells)
-        down, across = conditions, [CLOUD, "truth", *methods]
+        down, across = conditions, [CLOUD, TRUTH, *methods]
         methods_down = len(methods) > _MOST_ACROSS
         if methods_down:
             down, across, rows = across, down, list(zip(*rows, strict=True))
@@ -246,7 +247,7 @@ def _case(record: Mapping[str, Any], sources: Sources, metric: str) -> dict[str,
         facts["notes"] = record["notes"]
     images = (
         (CLOUD, _cloud(sources, item, at, f"the cloud of {name}")),
-        ("truth", _drawn(sources, item.truth, view, f"the truth of {name}")),
+        (TRUTH, _drawn(sources, item.truth, view, f"the truth of {name}")),
         ("drawn", _drawn(sources, item, view, f"{name} as {item.method} draws it")),
     )
     score = f"{metric} {_score(record, metric)}"
@@ -262,18 +263,18 @@ def _drawn(sources: Sources, item: JobName, view: int, description: str) -> tupl
     images = sources.images(item)
     if images is None or view >= len(images):
         return "", f"{description}; the image is no longer there"
-    return _data_uri(images[view]), description
+    return data_uri(images[view]), description
 
 
 def _cloud(sources: Sources, item: JobName, view: View, description: str) -> tuple[str, str]:
     """Return the cloud of a job in dots as data URI, with its description; "" without a cloud."""
-    points = sources.points(item)
-    if points is None:
+    cloud = sources.cloud(item)
+    if cloud is None:
         return "", f"{description}; it cannot be made again"
-    return _data_uri(draw_dots(points, [view])[0]), description
+    return data_uri(draw_dots(cloud.points, [view])[0]), description
 
 
-def _data_uri(image: NDArray[np.uint8]) -> str:
+def data_uri(image: NDArray[np.uint8]) -> str:
     """Return an image [H, W, 3] as the data URI of a lossless WebP."""
     from PIL import Image
 

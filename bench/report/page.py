@@ -5,14 +5,15 @@ from __future__ import annotations
 import base64
 import hashlib
 import io
+import json
 import re
 from functools import cache
 from importlib import resources
 from typing import TYPE_CHECKING, Any
 from xml.etree import ElementTree
-from xml.etree.ElementTree import Element
+from xml.etree.ElementTree import Element, SubElement
 
-from bench.report.plots import drawing
+from bench.report.plots import LEGEND, drawing
 from bench.report.styles import HUES, INK, PAPER, RULE, SHADE, SOFT
 from bench.tables.markdown import visible
 
@@ -35,12 +36,14 @@ def rendered(template: str, **values: Any) -> str:
     """Return a page: a template of the assets with values, the style sheet and the script.
 
     The page loads nothing, and equal values give equal text. Names and reasons may hold any text:
-    every value is escaped but `style`, a style sheet in place of that of whole pages.
+    every value is escaped but `style`, a style sheet in place of that of whole pages. `scripts` are
+    the assets that a page has as its script.
     """
     from markupsafe import Markup
 
+    script = "".join(map(bundled, values.pop("scripts", ("report.js",))))
     style = values.pop("style", bundled("report.css") + bundled("tables.css"))
-    for name, text in {"style": style, "script": bundled("report.js")}.items():
+    for name, text in {"style": style, "script": script}.items():
         values |= {name: Markup(text), f"{name}_hash": _hash(text)}
     return _environment().get_template(template).render(**values) + "\n"
 
@@ -86,7 +89,8 @@ def inline(figure: Figure, name: str, description: str) -> str:
     name         begins the ids of its elements: no other figure of the page has it
     description  what the figure shows in words, for readers who do not see it
 
-    Text in it is escaped, and control characters are visible. Inline styles, which the page's
+    Marks have the attribute `data-method`, and a `<title>` each; names in the legend have
+    `data-legend`. Text in it is escaped, and control characters are visible. Inline styles, which the page's
     security policy forbids, become attributes.
     """
     figure.patch.set_visible(False)
@@ -103,6 +107,14 @@ def inline(figure: Figure, name: str, description: str) -> str:
                 parent.remove(child)
         parent.tag = parent.tag.rpartition("}")[2]
         attributes = dict(parent.attrib)
+        known = attributes.get("id", "")
+        if known.startswith("["):  # marks, see `bench.report.plots.marks_id`
+            attributes["data-method"], *titles = json.loads(known)
+            marks = [element for element in parent.iter() if element.tag.endswith("}use")]
+            for marked, title in zip(marks or [parent], titles, strict=False):
+                SubElement(marked, "title").text = visible(title)
+        elif known.startswith(LEGEND):
+            attributes["data-legend"] = known.removeprefix(LEGEND)
         for declaration in filter(None, attributes.pop("style", "").split("; ")):
             key, _, value = declaration.partition(": ")
             attributes[key] = _COLOURS.get(value, value)

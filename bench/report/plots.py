@@ -5,6 +5,7 @@ Better is up, of dots to the right. What is worse than a white image is shaded.
 
 from __future__ import annotations
 
+import json
 import math
 import warnings
 from collections.abc import Container, Iterator, Mapping, Sequence
@@ -89,12 +90,12 @@ PANEL_IN = 2.5  # inches: height of a panel
 ENTRY_IN = 0.2  # inches: height of a line of the legend
 LETTERS_PER_INCH = 15  # letters of the legend that have room in an inch, at the size TEXT
 ENTRY_LETTERS = 8  # letters that would have room in place of an entry's marker and margins
+LEGEND = "legend: "  # begins the id of a name in a legend
 LONGEST = 24  # letters of a method's name in a legend; of a longer one the end is shown
-_LINEAR = 1  # up to this value an axis of distances is linear, above it logarithmic
 DIRECTIONS = "\N{LEFTWARDS ARROW} worse   better \N{RIGHTWARDS ARROW}"
 _WORSE = "worse than a white image"
 # Columns that a frame of points may lack, with the values that they then have.
-OPTIONAL = {"low": math.nan, "high": math.nan, "kind": "", "hollow": False}
+OPTIONAL = {"low": math.nan, "high": math.nan, "kind": "", "hollow": False, "title": ""}
 # Where a label may stand beside its point, tried in this order: offsets to the right and upwards in
 # points (1/72 inch), and the side or corner of the text that stands there.
 _BESIDE = (
@@ -114,8 +115,8 @@ class SweepPanel:
     """Values of methods along an axis.
 
     values   a row for each point, with the columns method, x and value; perhaps low and high (the
-             ends of its interval), kind (a line joins only neighbours of the same kind) and hollow
-             (it is drawn as an outline)
+             ends of its interval), kind (a line joins only neighbours of the same kind), hollow (it
+             is drawn as an outline) and title (what the page says of a point)
     title    above the panel
     x_label  below it
     y_label  at its left
@@ -124,7 +125,7 @@ class SweepPanel:
     turned   whether lower values are better, and stand higher
     joined   whether lines join the points of a method
     x_scale  scale of the x axis
-    y_scale  scale of the y axis; "distance" is linear up to 1 and logarithmic above
+    y_scale  scale of the y axis; "distance" is logarithmic where all values are over 0
     trained  (method, left, right): a band where a network was trained
     """
 
@@ -157,6 +158,14 @@ def points_of(frame: pd.DataFrame) -> list[Any]:
 def axis_title(metric: str) -> str:
     """Return the metric and its better direction."""
     return f"{metric} ({'higher' if higher_is_better(metric) else 'lower'} is better)"
+
+
+def marks_id(method: str, titles: Sequence[str] = ()) -> str:
+    """Return the id that tells `bench.report.page.inline` of which method marks are.
+
+    titles  what the page says of each of them
+    """
+    return json.dumps([shortened(method), *titles])
 
 
 def marker(style: MethodStyle, size: float = 5.5, *, hollow: bool = False) -> dict[str, Any]:
@@ -207,6 +216,10 @@ def sweep_figure(
         axis.remove()
     for axis, panel in zip(axes.flat, shown, strict=False):  # with the limits that they share
         blank = panel.values[panel.values["method"] == FLOOR]
+        if _white_is_best(panel):  # the whole panel would be shaded
+            title = f"{axis.get_title()}\nno method is better than a white image"
+            axis.set_title(title.strip(), fontsize=fontsize + 1)
+            continue
         _shade_worse(axis, blank["x"].tolist(), blank["value"].tolist())
     _legend(figure, fontsize)
     return figure
@@ -222,37 +235,43 @@ def _draw_sweep(axis: Any, panel: SweepPanel, styles: Styles, dodge: float) -> N
         style, name = styles[method], shortened(method)
         if not style.marker:
             _draw_floor(axis, points["x"].tolist(), points["value"].tolist(), style, name)
+            axis.lines[-1].set_gid(marks_id(method, points["title"].iloc[:1]))
             continue
         x = points["x"] + dodge * ((dodged.index(method) + 0.5) / len(dodged) - 0.5)
         line = {"linestyle": style.dashes if panel.joined else "none", "linewidth": 1.2}
         part_numbers = (points["kind"] != points["kind"].shift()).cumsum()  # 1 and up
         for number, part in points.groupby(part_numbers):
             label = {"label": name} if number == 1 else {}
-            axis.plot(x[part.index], part["value"], **marker(style) | line | label)
-        axis.vlines(x, points["low"], points["high"], color=style.colour, linewidth=0.9)
-        outlines = points["hollow"].astype(bool)
-        axis.plot(x[outlines], points["value"][outlines], **marker(style, hollow=True))
+            gid = marks_id(method, part["title"][part["value"].notna()])
+            axis.plot(x[part.index], part["value"], gid=gid, **marker(style) | line | label)
+        bars: dict[str, Any] = {"color": style.colour, "linewidth": 0.9, "gid": marks_id(method)}
+        axis.vlines(x, points["low"], points["high"], **bars)
+        outlines = points[points["hollow"].astype(bool) & points["value"].notna()]
+        gid = marks_id(method, outlines["title"])
+        axis.plot(x[outlines.index], outlines["value"], gid=gid, **marker(style, hollow=True))
     for name, low, high in panel.trained:
         if name in by_method:
             band: dict[str, Any] = {"color": styles[name].colour, "alpha": 0.13, "linewidth": 0}
-            axis.axvspan(low, high, label=f"{shortened(name)} was trained here", **band)
+            band |= {"label": f"{shortened(name)} was trained here", "gid": marks_id(name)}
+            axis.axvspan(low, high, **band)
 
 
 def _name_axes(axis: Any, panel: SweepPanel, fontsize: float) -> None:
     """Set the title, the labels, the scales and the ticks of a panel."""
-    from matplotlib.ticker import SymmetricalLogLocator
+    from matplotlib.ticker import LogLocator, NullLocator
 
     axis.set_title(visible(panel.title), fontsize=fontsize + 1)
     axis.set_xlabel(panel.x_label, fontsize=fontsize)
     axis.set_ylabel(panel.y_label, fontsize=fontsize)
     axis.set_xscale(panel.x_scale)
-    if panel.y_scale == "distance":
-        axis.set_yscale("symlog", linthresh=_LINEAR)
-        locator = SymmetricalLogLocator(base=10, linthresh=_LINEAR, subs=(1, 2, 5))
-        axis.yaxis.set_major_locator(locator)
-    else:
-        axis.set_yscale(panel.y_scale)
-    if panel.y_scale != "linear":  # a power would be written as a formula
+    scale = panel.y_scale
+    if scale == "distance":
+        scale = "log" if (panel.values["value"] > 0).all() else "linear"
+    axis.set_yscale(scale)
+    if scale == "log":
+        axis.yaxis.set_major_locator(LogLocator(subs=(1, 2, 5)))
+        axis.yaxis.set_minor_locator(NullLocator())
+    if scale != "linear":  # a power would be written as a formula
         axis.yaxis.set_major_formatter("{x:g}")
     if panel.ticks is not None:
         axis.set_xticks(list(panel.ticks), list(map(visible, panel.ticks.values())))
@@ -272,6 +291,16 @@ def _draw_floor(
         axis.axhline(levels[0], label=name, **look)
     else:
         axis.plot(x, levels, drawstyle="steps-mid", label=name, **look)
+
+
+def _white_is_best(panel: SweepPanel) -> bool:
+    """Return whether a white image is as good as every method, or better, at each position."""
+    is_blank = panel.values["method"] == FLOOR
+    white = panel.values[is_blank].set_index("x")["value"]
+    others = panel.values[~is_blank]
+    lead = others["value"] - others["x"].map(white)
+    known = lead.dropna()
+    return not known.empty and not (known < 0 if panel.turned else known > 0).any()
 
 
 def _shade_worse(axis: Any, x: Sequence[float], levels: Sequence[float]) -> None:
@@ -314,7 +343,7 @@ def _legend(figure: Figure, fontsize: float) -> None:
         if letters <= LETTERS_PER_INCH * width * TEXT / fontsize:
             break
     figure.set_size_inches(width, height + ENTRY_IN * (rows + 1) * fontsize / TEXT)
-    figure.legend(
+    legend = figure.legend(
         list(entries.values()),
         names,
         loc="outside upper center",
@@ -323,6 +352,8 @@ def _legend(figure: Figure, fontsize: float) -> None:
         frameon=False,
         handlelength=2.6,
     )
+    for text in legend.get_texts():
+        text.set_gid(LEGEND + text.get_text())
 
 
 def shortened(name: str) -> str:
@@ -348,8 +379,9 @@ def frontier_figure(
 
     points    a row for each method in each panel, with the columns metric, panel (its title),
               method, cost, cost_low, cost_high, value, low, high and verdict (as in
-              `bench.analysis.frontier.frontier_verdicts`). A floor has no cost and is a line. The
-              panels of a metric have the same axes.
+              `bench.analysis.frontier.frontier_verdicts`), and perhaps title (what the page says
+              of a point). A floor has no cost and is a line. The panels of a metric have the same
+              axes.
     styles    of every method
     x_label   what the costs are
     columns   panels beside each other
@@ -361,6 +393,7 @@ def frontier_figure(
     """
     from matplotlib.backends.backend_agg import FigureCanvasAgg
 
+    points = points.assign(title=points.get("title", ""))
     by_panel = grouped(points, ["metric", "panel"])
     columns = min(columns, len(by_panel))
     rows = math.ceil(len(by_panel) / columns)
@@ -423,13 +456,13 @@ def _draw_costs(
         if any(find_setting(point.method) for point in variants):
             swept = [p for p in variants if p.method == family or find_setting(p.method)]
             costs, values = [p.cost for p in swept], [p.value for p in swept]
-            axis.plot(costs, values, color=styles[family].colour, linewidth=0.9)
-    known = points[points["method"].isin([point.method for point in rivals])]
-    thin: dict[str, Any] = {"linewidth": 0.6, "alpha": 0.6}
-    thin["colors"] = [styles[method].colour for method in known["method"]]
-    axis.vlines(known["cost"], known["low"], known["high"], **thin)
-    axis.hlines(known["value"], known["cost_low"], known["cost_high"], **thin)
+            look = {"color": styles[family].colour, "linewidth": 0.9, "gid": marks_id(family)}
+            axis.plot(costs, values, **look)
     for point in rivals:
+        thin: dict[str, Any] = {"linewidth": 0.6, "alpha": 0.6, "gid": marks_id(point.method)}
+        thin["colors"] = styles[point.method].colour
+        axis.vlines(point.cost, point.low, point.high, **thin)
+        axis.hlines(point.value, point.cost_low, point.cost_high, **thin)
         in_legend = _is_named(point.method, named)
         look = marker(
             styles[point.method],
@@ -438,11 +471,12 @@ def _draw_costs(
         )
         if in_legend:
             look["label"] = shortened(point.method)
-        axis.plot(point.cost, point.value, **look)
+        axis.plot(point.cost, point.value, gid=marks_id(point.method, [point.title]), **look)
     for point in points_of(points):
         if role(point.method) == "floor":
             name = shortened(point.method)
             _draw_floor(axis, [1.0], [point.value], styles[point.method], name)
+            axis.lines[-1].set_gid(marks_id(point.method, [point.title]))
 
 
 def _draw_frontier(axis: Any, best: pd.DataFrame) -> None:
@@ -484,6 +518,7 @@ def _label_where_free(
             fontsize=fontsize,
         )
         note.set_in_layout(False)
+        note.set_gid(marks_id(point.method))
         for *offset, ha, va in _BESIDE:
             note.set(position=offset, ha=ha, va=va)
             box = note.get_window_extent(renderer)

@@ -19,7 +19,7 @@ from bench.catalogue.methods import COST_VARIANTS, find_setting, role
 from bench.catalogue.metrics import FURTHER_METRICS, IMAGE_METRICS, higher_is_better, is_mean
 from bench.records.frames import Artifact
 from bench.records.job import GROUND_TRUTH, JobName
-from bench.report.answer import counted
+from bench.report.answer import counted, objects_in_words
 from bench.report.plots import (
     FIGURES,
     TEXT,
@@ -34,7 +34,7 @@ from bench.report.plots import (
 )
 from bench.report.sheets import write_classes, write_images, write_thin_parts
 from bench.report.styles import HUES, SOFT, MethodStyle, method_styles
-from bench.tables.grid import metric_cell, ordered, row_mappings, scored_as_blank
+from bench.tables.grid import Cell, metric_cell, ordered, row_mappings, scored_as_blank
 from bench.tables.markdown import visible
 from bench.tables.quality import quality_cell
 from bench.tables.table import Table
@@ -68,15 +68,32 @@ AHEAD = {  # words and style of a difference, by who is ahead
 
 
 def quality_frame(rows: pd.DataFrame) -> pd.DataFrame:
-    """Return the rows of a table of quality, with `text`, the value and its images in words."""
-    texts = []
+    """Return the rows of a table of quality, with `text`, the value and its images in words.
+
+    Their `title` says all of a value: whose it is, its interval, and of how many objects.
+    """
+    texts, titles = [], []
     for row in row_mappings(rows):
-        text = quality_cell(row).text
+        cell = quality_cell(row)
+        text = cell.text
         if row["failed"]:
             text += f" ({row['n_ok']} of {row['n']} images)"
         texts.append(text)
+        titles.append(f"{_title(row, cell, text)}, {objects_in_words(row['objects'], row['class'])}")
     names = {"ci_low": "low", "ci_high": "high", "failures_as_blank": "as_blank"}
-    return rows.drop(columns="per_object").rename(columns=names).assign(text=texts)
+    return rows.drop(columns="per_object").rename(columns=names).assign(text=texts, title=titles)
+
+
+def _title(row: Mapping[str, Any], cell: Cell, text: str) -> str:
+    """Return whose value it is and at which condition, the value as `text`, and its interval."""
+    return f"{row['method']}, {condition_words(row['condition'])}: {text}{_interval(cell)}"
+
+
+def _interval(cell: Cell) -> str:
+    if cell.interval is None:
+        return ""
+    low, high = cell.interval
+    return f", 95 % interval {low} to {high}"
 
 
 def quality_panels(tables: Sequence[Table]) -> dict[tuple[str, str], SweepPanel]:
@@ -187,13 +204,19 @@ def family_panels(curves: pd.DataFrame) -> list[SweepPanel]:
 
 
 def _curve_frame(rows: pd.DataFrame, family: Family) -> pd.DataFrame:
-    """Return the points of a panel, with `text`, the value as printed."""
-    texts = [
-        metric_cell(tuple(row[name] for name in VALUE), row["metric"], row["method"]).text
-        for row in row_mappings(rows)
-    ]
+    """Return the points of a panel, with `text`, the value as printed, and `title`."""
+    by_row = list(row_mappings(rows))
+    cells = [_value_cell(row) for row in by_row]
+    texts = [cell.text for cell in cells]
+    titles = [_title(row, cell, cell.text) for row, cell in zip(by_row, cells, strict=True)]
     x = [axis_position(value, family) for value in rows["at"]]
-    return rows.rename(columns={"ci_low": "low", "ci_high": "high"}).assign(x=x, text=texts)
+    return rows.rename(columns={"ci_low": "low", "ci_high": "high"}).assign(
+        x=x, text=texts, title=titles
+    )
+
+
+def _value_cell(row: Mapping[str, Any]) -> Cell:
+    return metric_cell(tuple(row[name] for name in VALUE), row["metric"], row["method"])
 
 
 def _bands(family: Family, at: Sequence[float]) -> list[tuple[str, float, float]]:
@@ -252,7 +275,9 @@ def _frontier_frame(points: pd.DataFrame) -> pd.DataFrame:
         title = condition_words(point["condition"])
         if several:
             title += f", {point['class']}"
-        drawn.append(point | {"panel": title, "text": _text(point)})
+        text = _text(point)
+        said = f"{text}{_interval(_value_cell(point))}, {counted(point['n'], 'image')}"
+        drawn.append(point | {"panel": title, "text": text, "title": said})
     names = {
         "cost_ms": "cost",
         "cost_ci_low": "cost_low",
@@ -260,7 +285,7 @@ def _frontier_frame(points: pd.DataFrame) -> pd.DataFrame:
         "ci_low": "low",
         "ci_high": "high",
     }
-    return pd.DataFrame(drawn, columns=[*points, "panel", "text"]).rename(columns=names)
+    return pd.DataFrame(drawn, columns=[*points, "panel", "text", "title"]).rename(columns=names)
 
 
 def _is_drawn(point: Mapping[str, Any]) -> bool:
@@ -278,7 +303,7 @@ def _is_drawn(point: Mapping[str, Any]) -> bool:
 def _text(point: Mapping[str, Any]) -> str:
     """Return the cost and the value of a point in words."""
     method = point["method"]
-    value = metric_cell(tuple(point[name] for name in VALUE), point["metric"], method).text
+    value = _value_cell(point).text
     if role(method) == "floor":
         return f"{method}: {value}, looks at no cloud"
     verdicts = {

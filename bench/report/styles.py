@@ -79,8 +79,7 @@ def rivals(methods: Iterable[str]) -> list[str]:
 def method_styles(methods: Iterable[str]) -> dict[str, MethodStyle]:
     """Return the style of each method, which for bundled ones does not depend on the others.
 
-    A family has one hue and one marker; its variants differ in dashes and in the filled part of the
-    marker. A method with another value of a parameter looks like the method. Families of other
+    A family has one hue; its variants differ in marker, in its filled part and in dashes. A method with another value of a parameter looks like the method. Families of other
     packages get the next styles, in the order of `methods`. Floors are dashed lines.
     """
     ours = (*_COMMON_FAMILIES, *_FURTHER_FAMILIES)
@@ -100,11 +99,12 @@ def method_styles(methods: Iterable[str]) -> dict[str, MethodStyle]:
         if base not in of_family:
             of_family.append(base)
         number, variant = list(variants).index(family_of(base)), of_family.index(base)
-        # A family beyond the eighth shares its marker with one of another hue and other dashes.
+        # A family beyond the eighth shares its marker with one of another hue and other dashes. Of
+        # its hue are families with earlier markers; variants take the later ones.
         shifted = number + number // len(_MARKERS)
         styles[method] = MethodStyle(
             HUES[shifted % len(HUES)],
-            _MARKERS[number % len(_MARKERS)],
+            _MARKERS[(number + variant) % len(_MARKERS)],
             _DASHES[(shifted + variant) % len(_DASHES)],
             _FILLS[variant % len(_FILLS)],
         )

@@ -39,6 +39,7 @@ from bench.running.folder import (
     APART,
     NOT_LOADED,
     HeldRun,
+    commands_of,
     planned_objects,
     protocol_in_folder,
     read_held,
@@ -161,6 +162,7 @@ def run(
         request = stated_request(options, protocol, held)
         objects = planned_objects(options, protocol, held)
         manifest = protocol.to_manifest(request, objects, workers, cluster)
+        manifest |= commands_of(held, manifest["command"], adds=options.adds)
 
         def check() -> None:
             if check_directory(directory, manifest) != held.manifest:

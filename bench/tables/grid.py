@@ -109,7 +109,7 @@ def number_cell(
 
 
 MOVED = "≈"  # before a value that is printed with fewer digits than its metric has
-FEWER = f"{MOVED}: fewer digits, as rounding alone moves the others"
+FEWER = f"{MOVED} rounded: the last digits are noise"
 UNSURE = "†"  # after an interval that may well miss the true value
 FEW_FAILED = (
     f"{UNSURE}: images failed, and objects are few; how often images fail is hardly known, and the "
