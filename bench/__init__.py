@@ -1,8 +1,8 @@
 """The harness: suites, methods, metrics, runs, tables, checks and the command line.
 
-`draw_cloud` and `turntable` make images of points. `pyproject.toml` has the order of the
-sub-packages. Other packages may import `bench.methods`, `bench.image_metric` and
-`bench.render_cloud`, the former names of three modules.
+`draw_cloud` and `turntable` make images of points, `show` a page that turns them. `pyproject.toml`
+has the order of the sub-packages. Other packages may import `bench.methods`, `bench.image_metric`
+and `bench.render_cloud`, the former names of three modules.
 """
 
 from __future__ import annotations
@@ -14,8 +14,14 @@ from typing import TYPE_CHECKING, Any
 
 if TYPE_CHECKING:
     from bench.draw.points import draw_cloud, turntable
+    from bench.draw.show import show
 
-__all__ = ["draw_cloud", "turntable"]
+_FUNCTIONS = {
+    "draw_cloud": "bench.draw.points",
+    "show": "bench.draw.show",
+    "turntable": "bench.draw.points",
+}
+__all__ = ["draw_cloud", "show", "turntable"]
 
 _PUBLIC = {
     "methods": "bench.catalogue.methods",  # Method
@@ -43,4 +49,4 @@ def __getattr__(name: str) -> Any:
     """Return a public function, whose module is imported now."""
     if name not in __all__:
         raise AttributeError(f"module 'bench' has no attribute '{name}'")
-    return getattr(import_module("bench.draw.points"), name)
+    return getattr(import_module(_FUNCTIONS[name]), name)

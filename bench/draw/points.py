@@ -147,29 +147,16 @@ def _draw(
                 f"size {size}: at most {int((_MOST_PIXELS / len(views)) ** 0.5)} with "
                 f"{len(views)} images; give a smaller size, or fewer images"
             )
-        if isinstance(points, str | Path):
-            if columns is not None or colors is not None:
-                given = "colors" if columns is None else "columns"
-                raise BadInput(
-                    f"{points}: {given}= is for arrays; leave it out, and name the columns of a "
-                    "file in its first line"
-                )
-            loaded = _cloud_of_file(
-                points, of_points, up=up, front=front, drop_far=drop_far, drop_invalid=drop_invalid
-            )
-        else:
-            loaded = _cloud_of_array(
-                points,
-                columns,
-                up=up,
-                front=front,
-                drop_far=drop_far,
-                drop_invalid=drop_invalid,
-                colour=of_points,
-                colors=colors,
-            )
-            if colour == "file" and loaded.cloud.colors is None:
-                raise BadInput('points: no colours of them; give colors=, or leave out "file"')
+        loaded = loaded_cloud(
+            points,
+            of_points,
+            colors,
+            columns,
+            up=up,
+            front=front,
+            drop_far=drop_far,
+            drop_invalid=drop_invalid,
+        )
         drawing, on_points = suited(drawing, loaded)
         notes.extend(on_points)
         notes.extend(notes_on_methods((drawing.method,)))
@@ -190,6 +177,43 @@ def _draw(
 
 
 OPTIONS = tuple(inspect.signature(_draw).parameters)[3:]  # the names of all but points and cameras
+
+
+def loaded_cloud(
+    points: ArrayLike | Path,
+    colour: str,
+    colors: ArrayLike | None,
+    columns: Sequence[int | str] | None = None,
+    *,
+    up: str,
+    front: str | None,
+    drop_far: bool = False,
+    drop_invalid: bool = False,
+) -> LoadedCloud:
+    """Return points, or those of a file, with their colours; arguments are as of `draw_cloud`."""
+    if isinstance(points, str | Path):
+        if columns is not None or colors is not None:
+            given = "colors" if columns is None else "columns"
+            raise BadInput(
+                f"{points}: {given}= is for arrays; leave it out, and name the columns of a file "
+                "in its first line"
+            )
+        return _cloud_of_file(
+            points, colour, up=up, front=front, drop_far=drop_far, drop_invalid=drop_invalid
+        )
+    loaded = _cloud_of_array(
+        points,
+        columns,
+        up=up,
+        front=front,
+        drop_far=drop_far,
+        drop_invalid=drop_invalid,
+        colour=colour,
+        colors=colors,
+    )
+    if colour == "file" and loaded.cloud.colors is None:
+        raise BadInput('points: no colours of them; give colors=, or leave out "file"')
+    return loaded
 
 
 def _cloud_of_file(

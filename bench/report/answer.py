@@ -10,7 +10,7 @@ from __future__ import annotations
 
 import math
 from collections import Counter
-from collections.abc import Callable, Container, Iterable, Mapping, Sequence
+from collections.abc import Container, Iterable, Mapping, Sequence
 from dataclasses import dataclass
 from itertools import product
 from typing import Any, NamedTuple
@@ -25,7 +25,6 @@ from bench.analysis.compare import (
     candidates,
     is_better,
     milliseconds,
-    worse_than_blank,
 )
 from bench.analysis.differences import Verdicts
 from bench.analysis.digits import decimals, is_coarse
@@ -34,7 +33,6 @@ from bench.analysis.intervals import FEWEST
 from bench.analysis.paper import network_of
 from bench.catalogue.chosen import BEST_CLASSICAL, CHOSEN
 from bench.catalogue.conditions import condition_name, condition_words, conditions_in_words
-from bench.catalogue.lookup import family_of
 from bench.catalogue.methods import COST_VARIANTS, FLOOR, find_setting, role
 from bench.catalogue.metrics import higher_is_better
 from bench.tables.grid import FEWER, MOVED, number_text, ordered, row_mappings

@@ -16,7 +16,7 @@ from threadpoolctl import threadpool_limits
 from bench.analysis.compare import ALL, compared, pooled
 from bench.analysis.differences import verdicts_of
 from bench.analysis.frontier import frontier_verdicts
-from bench.analysis.run import in_order
+from bench.analysis.run import Run, in_order
 from bench.catalogue.conditions import CONDITIONS, condition_words, known_condition
 from bench.catalogue.methods import find_method, is_module_name, known_method, role
 from bench.catalogue.metrics import METRICS, column, declared_metric
@@ -38,7 +38,7 @@ from bench.report.run_figures import (
     quality_frame,
     quality_panels,
 )
-from bench.report.styles import method_styles, rivals
+from bench.report.styles import method_styles
 from bench.tables.build import Outputs, how_timed
 from bench.tables.frontier import cost_grid
 from bench.tables.table import Table
@@ -73,9 +73,7 @@ def read_page(made: Outputs) -> dict[str, Any]:
     run, manifest, suite = made.run, made.run.manifest, made.run.suite
     views = int(manifest["views"])
     headline = run.headline
-    by = ("method", "condition", "class", "object", "view")
-    columns = (*by, "azimuth_deg", "elevation_deg", "outcome", "reason", "notes", *TIMES)
-    records = in_order(run.read_images((*columns, column(headline[0]))), manifest, by)
+    records = _records(run)
     chosen = extremes(records, headline[0])
     sources = open_sources(run.directory, manifest, _shown(records, chosen))
     cost_metrics = run.measured(suite.frontier or suite.headline)
@@ -93,8 +91,6 @@ def read_page(made: Outputs) -> dict[str, Any]:
         if table is not None:
             remark = _MARKUP.sub(r"\1", table.remark)
             tables.append((table.title, remark, table.grids(), table in unfolded))
-    table = compact_table(quality_frame(made.headline.frame), answer.standings)
-    best_first = rivals(method for method, *_ in table["lines"]) if table else []
     glossary = _glossary(manifest, suite, made.tables)
     return {
         "scripts": ("report.js", "pictures.js", "viewer.js"),
@@ -107,12 +103,12 @@ def read_page(made: Outputs) -> dict[str, Any]:
         "outcomes": [(str(o), int(n)) for o, n in records["outcome"].value_counts().items()],
         "shares": dict(manifest.get("worker_shares", {})),
         "answer": [*answer.lines, *not_measured],
-        "headline": table,
+        "headline": compact_table(quality_frame(made.headline.frame), answer.standings),
         **_plots(made, points),
         "tables": tables,
         "cost_table": costed,
         "cost_remark": how_timed(manifest),
-        "look": of_run(records, sources, best_first),
+        "look": of_run(records, sources, headline[0]),
         "grids": grids(records, sources, headline[0]),
         "cases": cases(chosen, sources, headline[0]),
         "unseen": [sources.unseen] if sources.unseen else [],
@@ -124,6 +120,20 @@ def read_page(made: Outputs) -> dict[str, Any]:
         "meanings": glossary,
         "glossary": _anchors(glossary),
     }
+
+
+def read_look(run: Run) -> dict[str, Any] | None:
+    """Return what the viewer shows of a run (`bench.report.look.of_run`)."""
+    records = _records(run)
+    sources = open_sources(run.directory, run.manifest, _shown(records, records[:0]))
+    return of_run(records, sources, run.headline[0])
+
+
+def _records(run: Run) -> pd.DataFrame:
+    """Return a row for each image, with its score by the first metric of the headline."""
+    by = ("method", "condition", "class", "object", "view")
+    columns = (*by, "azimuth_deg", "elevation_deg", "outcome", "reason", "notes", *TIMES)
+    return in_order(run.read_images((*columns, column(run.headline[0]))), run.manifest, by)
 
 
 def _shown_command(command: Sequence[str]) -> str:

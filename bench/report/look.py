@@ -1,22 +1,23 @@
-"""What the viewer of a page shows: clouds that turn, and a run's images of them in all its views."""
+"""What the viewer of a page shows: clouds that turn, and images of them in all views of a run."""
 
 from __future__ import annotations
 
 import base64
-from collections.abc import Sequence
 from typing import Any
 
 import numpy as np
 import pandas as pd
 
 from bench.analysis.paper import network_of
+from bench.catalogue.metrics import column, higher_is_better
 from bench.records.job import GROUND_TRUTH, JobName
 from bench.report.images import Sources, data_uri, shown_objects
+from bench.report.styles import rivals
 from data_prep.clouds.sampling import random_rows
 from data_prep.scene import PointCloud
 
 MOST_OBJECTS = 2  # objects in the viewer of a report: each has clouds and images at all conditions
-MOST_DOTS = 4096  # points of a cloud in a report, which has many clouds: 24 kB, as text a third more
+MOST_DOTS = 4096  # points of a cloud in a report, which has many clouds: 33 kB of text each
 # Characters of a method's images, as text, up to which the next method is shown, too: with them the
 # report of a default run is at most half as large again as without.
 MOST_TEXT = 1_500_000
@@ -29,7 +30,7 @@ def cloud_entry(cloud: PointCloud, most: int) -> dict[str, Any]:
 
     most  the most points; of a larger cloud some are taken at random, the same ones each time
     """
-    cloud = cloud.take(np.isfinite(cloud.points).all(axis=1).nonzero()[0])
+    cloud = cloud.take(np.flatnonzero(np.isfinite(cloud.points).all(axis=1)))
     cloud = cloud.take(random_rows(len(cloud), most))
     scale = float(np.abs(cloud.points).max(initial=1.0))
     points = np.rint(cloud.points / scale * _STEPS).astype("<i2")
@@ -48,15 +49,16 @@ def of_cloud(cloud: PointCloud, name: str, most: int) -> dict[str, Any]:
     return {"objects": [shown], "conditions": [""], "methods": [""]}
 
 
-def of_run(
-    images: pd.DataFrame, sources: Sources, best_first: Sequence[str]
-) -> dict[str, Any] | None:
-    """Return what the viewer shows of a run; None where it has no image.
+def of_run(images: pd.DataFrame, sources: Sources, metric: str) -> dict[str, Any] | None:
+    """Return what the viewer shows of a run; None where no method that competes has an image.
 
-    images      a row for each image, in the order of the run
-    best_first  the methods that compete; as many are shown as have room, pc2pix among the first two
+    images  a row for each image, in the order of the run
+    metric  by its mean the best methods are shown, as many as have room, and pc2pix among them
     """
     conditions = list(dict.fromkeys(map(str, images["condition"])))
+    means = images.groupby("method")[column(metric)].mean().dropna()
+    means = means[rivals(means.index)]
+    best_first = [*means.sort_values(ascending=not higher_is_better(metric)).index]
     if network := network_of(best_first):
         others = [method for method in best_first if method != network]
         best_first = [*others[:1], network, *others[1:]]

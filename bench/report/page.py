@@ -90,8 +90,8 @@ def inline(figure: Figure, name: str, description: str) -> str:
     description  what the figure shows in words, for readers who do not see it
 
     Marks have the attribute `data-method`, and a `<title>` each; names in the legend have
-    `data-legend`. Text in it is escaped, and control characters are visible. Inline styles, which the page's
-    security policy forbids, become attributes.
+    `data-legend`. Text in it is escaped, and control characters are visible. Inline styles, which
+    the page's security policy forbids, become attributes.
     """
     figure.patch.set_visible(False)
     for axis in figure.axes:

@@ -8,7 +8,7 @@ from __future__ import annotations
 import json
 import math
 import warnings
-from collections.abc import Container, Iterator, Mapping, Sequence
+from collections.abc import Container, Iterable, Iterator, Mapping, Sequence
 from contextlib import contextmanager
 from dataclasses import dataclass, field
 from itertools import pairwise
@@ -160,7 +160,7 @@ def axis_title(metric: str) -> str:
     return f"{metric} ({'higher' if higher_is_better(metric) else 'lower'} is better)"
 
 
-def marks_id(method: str, titles: Sequence[str] = ()) -> str:
+def marks_id(method: str, titles: Iterable[str] = ()) -> str:
     """Return the id that tells `bench.report.page.inline` of which method marks are.
 
     titles  what the page says of each of them

@@ -79,7 +79,9 @@ def quality_frame(rows: pd.DataFrame) -> pd.DataFrame:
         if row["failed"]:
             text += f" ({row['n_ok']} of {row['n']} images)"
         texts.append(text)
-        titles.append(f"{_title(row, cell, text)}, {objects_in_words(row['objects'], row['class'])}")
+        titles.append(
+            f"{_title(row, cell, text)}, {objects_in_words(row['objects'], row['class'])}"
+        )
     names = {"ci_low": "low", "ci_high": "high", "failures_as_blank": "as_blank"}
     return rows.drop(columns="per_object").rename(columns=names).assign(text=texts, title=titles)
 

@@ -79,8 +79,9 @@ def rivals(methods: Iterable[str]) -> list[str]:
 def method_styles(methods: Iterable[str]) -> dict[str, MethodStyle]:
     """Return the style of each method, which for bundled ones does not depend on the others.
 
-    A family has one hue; its variants differ in marker, in its filled part and in dashes. A method with another value of a parameter looks like the method. Families of other
-    packages get the next styles, in the order of `methods`. Floors are dashed lines.
+    A family has one hue; its variants differ in marker, in its filled part and in dashes. A method
+    with another value of a parameter looks like the method. Families of other packages get the next
+    styles, in the order of `methods`. Floors are dashed lines.
     """
     ours = (*_COMMON_FAMILIES, *_FURTHER_FAMILIES)
     variants: dict[str, list[str]] = {family: [] for family in ours}

@@ -7,7 +7,7 @@
   dialog.innerHTML = `<p id="enlarged-title" aria-live="polite"></p>
     <div class="frame"><img class="under" alt=""><img class="over" alt=""></div>
     <label>truth <input class="share" type="range" min="0" max="100" aria-label="From the image to the truth"> image</label>
-    <p><button type="button" value="-1">Previous</button> <button type="button" value="1">Next</button>
+    <p><button type="button" value="-1">Previous</button> <button type="button" value="1" autofocus>Next</button>
     <button type="button" value="0">Close</button></p>`;
   document.body.append(dialog);
   const [under, over, share] = [".under", ".over", ".share"].map((name) => dialog.querySelector(name));
