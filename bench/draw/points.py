@@ -147,16 +147,8 @@ def _draw(
                 f"size {size}: at most {int((_MOST_PIXELS / len(views)) ** 0.5)} with "
                 f"{len(views)} images; give a smaller size, or fewer images"
             )
-        loaded = loaded_cloud(
-            points,
-            of_points,
-            colors,
-            columns,
-            up=up,
-            front=front,
-            drop_far=drop_far,
-            drop_invalid=drop_invalid,
-        )
+        of_rows = {"drop_far": drop_far, "drop_invalid": drop_invalid}
+        loaded = loaded_cloud(points, of_points, columns, colors, up=up, front=front, **of_rows)
         drawing, on_points = suited(drawing, loaded)
         notes.extend(on_points)
         notes.extend(notes_on_methods((drawing.method,)))
@@ -182,15 +174,11 @@ OPTIONS = tuple(inspect.signature(_draw).parameters)[3:]  # the names of all but
 def loaded_cloud(
     points: ArrayLike | Path,
     colour: str,
+    columns: Sequence[int | str] | None,
     colors: ArrayLike | None,
-    columns: Sequence[int | str] | None = None,
-    *,
-    up: str,
-    front: str | None,
-    drop_far: bool = False,
-    drop_invalid: bool = False,
+    **options: Any,
 ) -> LoadedCloud:
-    """Return points, or those of a file, with their colours; arguments are as of `draw_cloud`."""
+    """Return points, or those of a file, with their colours; all arguments are of `draw_cloud`."""
     if isinstance(points, str | Path):
         if columns is not None or colors is not None:
             given = "colors" if columns is None else "columns"
@@ -198,19 +186,8 @@ def loaded_cloud(
                 f"{points}: {given}= is for arrays; leave it out, and name the columns of a file "
                 "in its first line"
             )
-        return _cloud_of_file(
-            points, colour, up=up, front=front, drop_far=drop_far, drop_invalid=drop_invalid
-        )
-    loaded = _cloud_of_array(
-        points,
-        columns,
-        up=up,
-        front=front,
-        drop_far=drop_far,
-        drop_invalid=drop_invalid,
-        colour=colour,
-        colors=colors,
-    )
+        return _cloud_of_file(points, colour, **options)
+    loaded = _cloud_of_array(points, columns, colour=colour, colors=colors, **options)
     if colour == "file" and loaded.cloud.colors is None:
         raise BadInput('points: no colours of them; give colors=, or leave out "file"')
     return loaded
@@ -222,8 +199,8 @@ def _cloud_of_file(
     *,
     up: str,
     front: str | None,
-    drop_far: bool,
-    drop_invalid: bool,
+    drop_far: bool = False,
+    drop_invalid: bool = False,
 ) -> LoadedCloud:
     path = Path(file)
     if path.is_dir():
@@ -252,8 +229,8 @@ def _cloud_of_array(
     *,
     up: str,
     front: str | None,
-    drop_far: bool,
-    drop_invalid: bool,
+    drop_far: bool = False,
+    drop_invalid: bool = False,
     colour: str,
     colors: ArrayLike | None,
 ) -> LoadedCloud:

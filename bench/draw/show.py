@@ -5,27 +5,23 @@ from __future__ import annotations
 from dataclasses import dataclass, field
 from html import escape
 from pathlib import Path
-from typing import Any
 
 from numpy.typing import ArrayLike
 
-from bench.analysis.run import read_run
 from bench.draw.cloud import warn
 from bench.draw.points import loaded_cloud
-from bench.records.folder import MANIFEST
-from bench.report.build import read_look
-from bench.report.look import of_cloud
+from bench.report.build import REPORT
+from bench.report.look import cloud_entry
 from bench.report.page import rendered
 from data_prep.failures import BadInput
 from data_prep.files.atomic_write import write_whole
 
 MOST_POINTS = 65_536  # points of a cloud that is shown alone: half a MB, as text
-_HEIGHT_PX = 700  # of the frame in a notebook: the cloud, its lines of text and the sliders
 
 
 @dataclass(frozen=True)
 class Shown:
-    """A page that shows clouds, which a notebook shows in a frame.
+    """A page of clouds that turn, as a notebook shows it and any browser.
 
     Attributes
     ----------
@@ -36,25 +32,12 @@ class Shown:
     html: str = field(repr=False)
 
     def _repr_html_(self) -> str:
-        """Return the page in a frame of its own, which may run its script and nothing else."""
-        return (
-            f'<iframe sandbox="allow-scripts" title="pc2pix-bench" width="100%" '
-            f'height="{_HEIGHT_PX}" style="border: 0" srcdoc="{escape(self.html)}"></iframe>'
-        )
+        """Return the page in a frame of 700 pixels, which may run its script and nothing else."""
+        frame = 'sandbox="allow-scripts" title="cloud" width="100%" height="700"'
+        return f'<iframe {frame} srcdoc="{escape(self.html)}"></iframe>'
 
     def save(self, path: str | Path) -> None:
-        """Write the page, whole or not at all.
-
-        Parameters
-        ----------
-        path : path
-            HTML file, which is replaced.
-
-        Raises
-        ------
-        data_prep.failures.CannotWrite
-            If the file cannot be written.
-        """
+        """Write the page, whole or not at all. Raises `data_prep.failures.CannotWrite`."""
         write_whole(Path(path), self.html.encode(), remedy="give another path")
 
 
@@ -66,18 +49,15 @@ def show(
     colour: str = "auto",
     colors: ArrayLike | None = None,
 ) -> Shown:
-    """Return a cloud that a pointer or arrow keys turn, or a run with its clouds and images.
-
-    The last line of a cell of a notebook shows it, and `save` writes it as a page for any browser.
+    """Return a cloud that a pointer or arrow keys turn, or the report of a run.
 
     Parameters
     ----------
     points : array_like or path
-        Points as of `bench.draw_cloud`, or the folder of a finished run, whose first objects are
-        shown with the true images and those of the best methods. Of more than 65,536 points so
-        many are shown.
+        Points as of `bench.draw_cloud`, of which at most 65,536 are shown; or the folder of a
+        finished run, whose `report.html` is.
     up, front, colour, colors
-        As of `bench.draw_cloud`, for points alone; `colour` not "invented".
+        As of `bench.draw_cloud`, for points; `colour` not "invented".
 
     Returns
     -------
@@ -86,32 +66,20 @@ def show(
     Raises
     ------
     data_prep.failures.BadInput
-        If there are no points, or the folder holds no finished run of images.
+        If there are no points, or the folder has no report.
 
     Examples
     --------
     >>> bench.show(points).save("cloud.html")
     """
     if isinstance(points, str | Path) and Path(points).is_dir():
-        return _shown_run(Path(points))
-    loaded = loaded_cloud(points, colour, colors, up=up, front=front)
+        report = Path(points) / REPORT
+        if not report.is_file():
+            raise BadInput(f"{report}: is not there; 'bench report {points}' writes it")
+        return Shown(report.read_text(encoding="utf-8"))
+    loaded = loaded_cloud(points, colour, None, colors, up=up, front=front)
     warn(loaded.notes, levels=2)
-    name = Path(points).name if isinstance(points, str | Path) else "cloud"
-    shown = of_cloud(loaded.cloud, name, MOST_POINTS)
-    count = len(loaded.cloud)
-    part = f", {MOST_POINTS:,} of them are shown" if count > MOST_POINTS else ""
-    return _page(shown, f"{name}: {count:,} points{part}")
-
-
-def _shown_run(directory: Path) -> Shown:
-    if not (directory / MANIFEST).exists():
-        raise BadInput(f"{directory}: holds no run; give the folder of one, or a file of points")
-    shown = read_look(read_run(directory))
-    if shown is None:
-        raise BadInput(f"{directory}: no method that competes has an image; see its report.html")
-    return _page(shown, directory.name)
-
-
-def _page(shown: dict[str, Any], title: str) -> Shown:
-    scripts = ("viewer.js",)
-    return Shown(rendered("show.html.jinja", scripts=scripts, shown=shown, title=title))
+    title = Path(points).name if isinstance(points, str | Path) else "cloud"
+    one = {"name": title, "views": [], "clouds": {"": cloud_entry(loaded.cloud, MOST_POINTS)}}
+    shown = {"objects": [one], "conditions": [""], "methods": []}
+    return Shown(rendered("show.html.jinja", scripts=("viewer.js",), shown=shown, title=title))

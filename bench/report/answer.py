@@ -254,7 +254,7 @@ def in_short(compared: pd.DataFrame, metrics: Sequence[str], views: int) -> Answ
         return Answer((Statement("No answer", (((), none),)),), {})
     lines = (
         _question(contests, every),
-        *_undecided(contests, every),
+        _undecided(contests),
         _cheapest(contests, views, every),
     )
     standings = {
@@ -280,9 +280,9 @@ def _question(contests: Sequence[_Contest], every: Sequence[str]) -> Statement:
         surface = next((method for method in methods if method.startswith("surface-")), None)
         key = (contest.metric, contest.condition)
         rival = best_classical.best([key], methods).get(key, surface)
-        if network in methods and rival:
-            words = _against(contest, network, rival)
-            by_words.setdefault(words, []).append(contest)
+        ahead = contest.ahead(rival, network) if network in methods and rival else ""
+        if ahead in SHOWN:
+            by_words.setdefault(SHOWN[ahead].format(rival), []).append(contest)
     entries = [
         ((network,), f"{words} at {_where(of_words, every)}")
         for words, of_words in by_words.items()
@@ -290,31 +290,13 @@ def _question(contests: Sequence[_Contest], every: Sequence[str]) -> Statement:
     return Statement("pc2pix against what learns nothing", tuple(entries))
 
 
-def _against(contest: _Contest, network: str, rival: str) -> str:
-    """Return how the network does against a rival; by the means where objects are too few."""
-    ahead = contest.ahead(rival, network)
-    if ahead in SHOWN:
-        return SHOWN[ahead].format(rival)
-    if is_better(contest.rows[network], contest.rows[rival]):
-        return f"ahead of {rival} by its mean alone"
-    return f"behind {rival} by its mean alone"
-
-
-def _undecided(contests: Sequence[_Contest], every: Sequence[str]) -> Iterable[Statement]:
-    """Yield why nothing can be decided, and who is best by the means then."""
-    leader = contests[0].leader
-    if all(len(contest.methods) == 1 for contest in contests):
-        yield Statement("One method", (((leader,), "has nothing to be compared with"),))
-    elif not any(contest.decides for contest in contests):
-        first = contests[0].rows[leader]
-        objects = objects_in_words(len(first["objects"]), first["class"])
-        decide = f"{objects} here: at least {FEWEST} are needed"
-        yield Statement("Not decided", (((), f"nothing can be shown with {decide}"),))
-        led: dict[str, list[_Contest]] = {}
-        for contest in contests:
-            led.setdefault(contest.leader, []).append(contest)
-        entries = [((best,), _where(of_best, every)) for best, of_best in led.items()]
-        yield Statement("Best by its mean alone", tuple(entries))
+def _undecided(contests: Sequence[_Contest]) -> Statement:
+    """Return why nothing can be decided; a line without entries where something can."""
+    first = contests[0].rows[contests[0].leader]
+    objects = objects_in_words(len(first["objects"]), first["class"])
+    why = f"nothing can be shown with {objects} here: at least {FEWEST} are needed"
+    decided = any(contest.decides for contest in contests)
+    return Statement("Not decided", () if decided else (((), why),))
 
 
 def counted(count: int, noun: str, many: str = "s") -> str:

@@ -16,7 +16,7 @@ from threadpoolctl import threadpool_limits
 from bench.analysis.compare import ALL, compared, pooled
 from bench.analysis.differences import verdicts_of
 from bench.analysis.frontier import frontier_verdicts
-from bench.analysis.run import Run, in_order
+from bench.analysis.run import in_order
 from bench.catalogue.conditions import CONDITIONS, condition_words, known_condition
 from bench.catalogue.methods import find_method, is_module_name, known_method, role
 from bench.catalogue.metrics import METRICS, column, declared_metric
@@ -28,10 +28,8 @@ from bench.report.answer import Statement, compact_table, counted, in_short, obj
 from bench.report.images import cases, extremes, grids, open_sources, shown_objects
 from bench.report.look import of_run
 from bench.report.page import inline, rendered
-from bench.report.plots import SweepPanel
 from bench.report.run_figures import (
     cost_figures,
-    described,
     family_figure,
     family_panels,
     quality_figure,
@@ -73,7 +71,9 @@ def read_page(made: Outputs) -> dict[str, Any]:
     run, manifest, suite = made.run, made.run.manifest, made.run.suite
     views = int(manifest["views"])
     headline = run.headline
-    records = _records(run)
+    by = ("method", "condition", "class", "object", "view")
+    columns = (*by, "azimuth_deg", "elevation_deg", "outcome", "reason", "notes", *TIMES)
+    records = in_order(run.read_images((*columns, column(headline[0]))), manifest, by)
     chosen = extremes(records, headline[0])
     sources = open_sources(run.directory, manifest, _shown(records, chosen))
     cost_metrics = run.measured(suite.frontier or suite.headline)
@@ -122,20 +122,6 @@ def read_page(made: Outputs) -> dict[str, Any]:
     }
 
 
-def read_look(run: Run) -> dict[str, Any] | None:
-    """Return what the viewer shows of a run (`bench.report.look.of_run`)."""
-    records = _records(run)
-    sources = open_sources(run.directory, run.manifest, _shown(records, records[:0]))
-    return of_run(records, sources, run.headline[0])
-
-
-def _records(run: Run) -> pd.DataFrame:
-    """Return a row for each image, with its score by the first metric of the headline."""
-    by = ("method", "condition", "class", "object", "view")
-    columns = (*by, "azimuth_deg", "elevation_deg", "outcome", "reason", "notes", *TIMES)
-    return in_order(run.read_images((*columns, column(run.headline[0]))), run.manifest, by)
-
-
 def _shown_command(command: Sequence[str]) -> str:
     """Return a command line as one types it; "" for one without arguments."""
     return shlex.join(["bench", *command[1:]]) if command[1:] else ""
@@ -176,18 +162,13 @@ def _plots(made: Outputs, points: pd.DataFrame) -> dict[str, Any]:
     plots = {"first": [], "curves": [], "costs": []}
     if first:
         figure = quality_figure(first, styles, **narrow)
-        plots["first"].append(inline(figure, "first", _in_words(first)))
+        plots["first"].append(inline(figure, "first", _WORDS))
     if others:
-        plots["curves"].append(inline(draw(others, styles), "curves", _in_words(others)))
-    for number, (metric, (figure, words)) in enumerate(cost_figures(points, styles).items()):
-        plots["costs"].append((metric, inline(figure, f"cost-{number}", words)))
+        plots["curves"].append(inline(draw(others, styles), "curves", _WORDS))
+    for number, (metric, figure) in enumerate(cost_figures(points, styles).items()):
+        plots["costs"].append((metric, inline(figure, f"cost-{number}", _WORDS)))
     remarks = [remark, left_out, all_failed]
     return {**plots, "curves_title": title, "curves_remark": " ".join(filter(None, remarks))}
-
-
-def _in_words(shown: Sequence[SweepPanel]) -> str:
-    """Return what panels show in words, for readers who do not see them."""
-    return " ".join(f"{panel.title or panel.y_label}. {described(panel)}" for panel in shown)
 
 
 def _shown(records: pd.DataFrame, chosen: pd.DataFrame) -> list[JobName]:
@@ -257,6 +238,7 @@ _OF_TABLES = (
     "Up is better. Each point is a value of the tables, with its 95 % interval over objects. No "
     "line joins different kinds of changes."
 )
+_WORDS = "A plot; the tables of this page have its values."  # for readers who do not see it
 _ALL_FAILED = "Where a method has no point, all its images failed."
 _OF_OBJECTS = (
     "Up is better. Each point is a mean over objects, failed images scored as blank ones, with its "

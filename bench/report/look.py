@@ -16,12 +16,10 @@ from bench.report.styles import rivals
 from data_prep.clouds.sampling import random_rows
 from data_prep.scene import PointCloud
 
-MOST_OBJECTS = 2  # objects in the viewer of a report: each has clouds and images at all conditions
-MOST_DOTS = 4096  # points of a cloud in a report, which has many clouds: 33 kB of text each
-# Characters of a method's images, as text, up to which the next method is shown, too: with them the
-# report of a default run is at most half as large again as without.
-MOST_TEXT = 1_500_000
-_MOST_VIEWS = 100  # views one below the other in an image: a WebP has at most 16,383 rows
+MOST_OBJECTS, MOST_METHODS, MOST_POINTS = 2, 3, 4096
+# Images of methods, about 6 kB of text each: with them the report of a default run is not half as
+# large again. Of more the first views are shown, but always FEWEST_VIEWS.
+MOST_IMAGES, FEWEST_VIEWS = 240, 4
 _STEPS = 32767  # of a coordinate in 16 bits, from 0 to the farthest of all
 
 
@@ -34,7 +32,7 @@ def cloud_entry(cloud: PointCloud, most: int) -> dict[str, Any]:
     cloud = cloud.take(random_rows(len(cloud), most))
     scale = float(np.abs(cloud.points).max(initial=1.0))
     points = np.rint(cloud.points / scale * _STEPS).astype("<i2")
-    colours = None if cloud.colors is None else base64.b64encode(cloud.colors.tobytes()).decode()
+    colours = "" if cloud.colors is None else base64.b64encode(cloud.colors.tobytes()).decode()
     return {
         "scale": scale,
         "points": base64.b64encode(points.tobytes()).decode(),
@@ -42,64 +40,44 @@ def cloud_entry(cloud: PointCloud, most: int) -> dict[str, Any]:
     }
 
 
-def of_cloud(cloud: PointCloud, name: str, most: int) -> dict[str, Any]:
-    """Return what the viewer shows of a cloud alone."""
-    shown = {"name": name, "views": [], "truth": "", "images": {}}
-    shown["clouds"] = {"": cloud_entry(cloud, most)}
-    return {"objects": [shown], "conditions": [""], "methods": [""]}
-
-
 def of_run(images: pd.DataFrame, sources: Sources, metric: str) -> dict[str, Any] | None:
     """Return what the viewer shows of a run; None where no method that competes has an image.
 
     images  a row for each image, in the order of the run
-    metric  by its mean the best methods are shown, as many as have room, and pc2pix among them
+    metric  by its mean the best methods are chosen, and pc2pix in place of the last of them
     """
+    means = images.groupby("method")[column(metric)].mean().dropna().sort_values()
+    best_first = rivals(means.index[::-1] if higher_is_better(metric) else means.index)
+    methods, network = best_first[:MOST_METHODS], network_of(best_first)
+    if network and network not in methods:
+        methods[-1] = network
     conditions = list(dict.fromkeys(map(str, images["condition"])))
-    means = images.groupby("method")[column(metric)].mean().dropna()
-    means = means[rivals(means.index)]
-    best_first = [*means.sort_values(ascending=not higher_is_better(metric)).index]
-    if network := network_of(best_first):
-        others = [method for method in best_first if method != network]
-        best_first = [*others[:1], network, *others[1:]]
-    objects = [_object(images, sources, *obj) for obj in shown_objects(images)[:MOST_OBJECTS]]
-    methods, text = [], 0
-    for method in best_first:
-        if text > MOST_TEXT:
-            break
-        methods.append(method)
-        for shown, condition in ((one, at) for one in objects for at in conditions):
-            name = shown["job"]._replace(method=method, condition=condition)
-            strip = _strip(sources, name, len(shown["views"]))
-            shown["images"].setdefault(condition, {})[method] = strip
-            text += len(strip)
-    for shown in objects:
-        name = shown.pop("job")
+    images_of_view = len(conditions) * MOST_OBJECTS * MOST_METHODS
+    count = max(FEWEST_VIEWS, MOST_IMAGES // images_of_view)
+    objects = []
+    for class_name, name in shown_objects(images)[:MOST_OBJECTS]:
+        of_object = images[(images["class"] == class_name) & (images["object"] == name)]
+        views = of_object.drop_duplicates("view").sort_values("view")[:count]
+        job = JobName(GROUND_TRUTH, "", class_name, name)
+        entry: dict[str, Any] = {
+            "name": f"{class_name} {name}",
+            "truth": _strip(sources, job, count),
+        }
+        entry["views"] = views[["azimuth_deg", "elevation_deg"]].round(2).to_numpy().tolist()
+        entry |= {"clouds": {}, "images": {condition: {} for condition in conditions}}
         for condition in conditions:
-            cloud = sources.cloud(name._replace(condition=condition))
+            job = job._replace(condition=condition)
+            cloud = sources.cloud(job)
             if cloud is not None:
-                shown["clouds"][condition] = cloud_entry(cloud, MOST_DOTS)
+                entry["clouds"][condition] = cloud_entry(cloud, MOST_POINTS)
+            for method in methods:
+                of_method = job._replace(method=method)
+                entry["images"][condition][method] = _strip(sources, of_method, count)
+        objects.append(entry)
     return {"objects": objects, "conditions": conditions, "methods": methods} if methods else None
 
 
-def _object(images: pd.DataFrame, sources: Sources, class_name: str, obj: str) -> dict[str, Any]:
-    """Return an object with its views and true images; `job` is the name of a job of it."""
-    of_object = images[(images["class"] == class_name) & (images["object"] == obj)]
-    views = of_object.drop_duplicates("view").sort_values("view")[:_MOST_VIEWS]
-    name = JobName("", "", class_name, obj)
-    return {
-        "job": name,
-        "name": f"{class_name} {obj}",
-        "views": views[["azimuth_deg", "elevation_deg"]].round(2).to_numpy().tolist(),
-        "truth": _strip(sources, name._replace(method=GROUND_TRUTH), len(views)),
-        "images": {},
-        "clouds": {},
-    }
-
-
-def _strip(sources: Sources, name: JobName, count: int) -> str:
+def _strip(sources: Sources, job: JobName, count: int) -> str:
     """Return the first images of a job one below the other, as a data URI; "" without them."""
-    images = sources.images(name)
-    if images is None or len(images) < count:
-        return ""
-    return data_uri(images[:count].reshape(-1, *images.shape[2:]))
+    images = sources.images(job)
+    return "" if images is None else data_uri(images[:count].reshape(-1, *images.shape[2:]))

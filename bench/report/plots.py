@@ -170,16 +170,14 @@ def marks_id(method: str, titles: Iterable[str] = ()) -> str:
 
 def marker(style: MethodStyle, size: float = 5.5, *, hollow: bool = False) -> dict[str, Any]:
     """Return matplotlib's settings for a point of `size` / 72 inch, without a line."""
-    whole = style.fill == "full" and not hollow  # a thin light edge parts it from its neighbours
     return {
         "color": style.colour,
         "marker": style.marker or "None",
         "markersize": size,
-        "fillstyle": style.fill,
         "markerfacecolor": PAPER if hollow else style.colour,
-        "markerfacecoloralt": PAPER,
-        "markeredgecolor": PAPER if whole else style.colour,
-        "markeredgewidth": 0.4 if whole else 0.9,
+        # A thin light edge parts a whole point from its neighbours.
+        "markeredgecolor": style.colour if hollow else PAPER,
+        "markeredgewidth": 0.9 if hollow else 0.4,
         "linestyle": "none",
     }
 
@@ -252,8 +250,8 @@ def _draw_sweep(axis: Any, panel: SweepPanel, styles: Styles, dodge: float) -> N
     for name, low, high in panel.trained:
         if name in by_method:
             band: dict[str, Any] = {"color": styles[name].colour, "alpha": 0.13, "linewidth": 0}
-            band |= {"label": f"{shortened(name)} was trained here", "gid": marks_id(name)}
-            axis.axvspan(low, high, **band)
+            axis.axvspan(low, high, label=f"{shortened(name)} was trained here", **band)
+            axis.patches[-1].set_gid(marks_id(axis.patches[-1].get_label()))
 
 
 def _name_axes(axis: Any, panel: SweepPanel, fontsize: float) -> None:
@@ -312,6 +310,7 @@ def _shade_worse(axis: Any, x: Sequence[float], levels: Sequence[float]) -> None
         return
     limits = {"xlim": axis.get_xlim(), "ylim": axis.get_ylim()}
     look: dict[str, Any] = {"color": SHADE, "linewidth": 0, "zorder": 0.4, "label": _WORSE}
+    look["gid"] = marks_id(_WORSE)
     if np.ptp(levels) < 1e-6:
         axis.axhspan(levels[0], limits["ylim"][0], **look)
     else:
@@ -485,7 +484,13 @@ def _draw_frontier(axis: Any, best: pd.DataFrame) -> None:
         return
     best, limits = best.sort_values("cost"), axis.get_xlim()
     cost, value = [*best["cost"], limits[1]], [*best["value"], best["value"].iloc[-1]]
-    steps: dict[str, Any] = {"color": INK, "linewidth": 1.3, "alpha": 0.75, "zorder": 1.5}
+    steps: dict[str, Any] = {
+        "gid": marks_id("frontier"),
+        "color": INK,
+        "linewidth": 1.3,
+        "alpha": 0.75,
+        "zorder": 1.5,
+    }
     axis.step(cost, value, where="post", label="frontier", **steps)
     axis.set_xlim(limits)
 

@@ -62,40 +62,29 @@ _OBJECTS_BEYOND = 2  # objects on the sheet of `beyond-training`, which has many
 AHEAD = {  # words and style of a difference, by who is ahead
     "b": ("better", MethodStyle(HUES[0], "o", "-")),
     "a": ("worse", MethodStyle(HUES[1], "s", "-")),
-    "tie": ("not decided", MethodStyle(SOFT, "o", "-", "left")),
+    "tie": ("not decided", MethodStyle(SOFT, "D", "-")),
     "unknown": ("too few objects", MethodStyle(SOFT, "X", "-")),
 }
 
 
 def quality_frame(rows: pd.DataFrame) -> pd.DataFrame:
-    """Return the rows of a table of quality, with `text`, the value and its images in words.
-
-    Their `title` says all of a value: whose it is, its interval, and of how many objects.
-    """
-    texts, titles = [], []
+    """Return the rows of a table of quality, with a `title` that says all of a value."""
+    titles = []
     for row in row_mappings(rows):
         cell = quality_cell(row)
         text = cell.text
         if row["failed"]:
             text += f" ({row['n_ok']} of {row['n']} images)"
-        texts.append(text)
-        titles.append(
-            f"{_title(row, cell, text)}, {objects_in_words(row['objects'], row['class'])}"
-        )
+        objects = objects_in_words(row["objects"], row["class"])
+        titles.append(_title(row, cell, f"{text}, {objects}"))
     names = {"ci_low": "low", "ci_high": "high", "failures_as_blank": "as_blank"}
-    return rows.drop(columns="per_object").rename(columns=names).assign(text=texts, title=titles)
+    return rows.drop(columns="per_object").rename(columns=names).assign(title=titles)
 
 
 def _title(row: Mapping[str, Any], cell: Cell, text: str) -> str:
     """Return whose value it is and at which condition, the value as `text`, and its interval."""
-    return f"{row['method']}, {condition_words(row['condition'])}: {text}{_interval(cell)}"
-
-
-def _interval(cell: Cell) -> str:
-    if cell.interval is None:
-        return ""
-    low, high = cell.interval
-    return f", 95 % interval {low} to {high}"
+    interval = f", 95 % interval {cell.beside}" if cell.interval else ""
+    return f"{row['method']}, {condition_words(row['condition'])}: {text}{interval}"
 
 
 def quality_panels(tables: Sequence[Table]) -> dict[tuple[str, str], SweepPanel]:
@@ -206,15 +195,11 @@ def family_panels(curves: pd.DataFrame) -> list[SweepPanel]:
 
 
 def _curve_frame(rows: pd.DataFrame, family: Family) -> pd.DataFrame:
-    """Return the points of a panel, with `text`, the value as printed, and `title`."""
-    by_row = list(row_mappings(rows))
-    cells = [_value_cell(row) for row in by_row]
-    texts = [cell.text for cell in cells]
-    titles = [_title(row, cell, cell.text) for row, cell in zip(by_row, cells, strict=True)]
+    """Return the points of a panel, with `title`, what is said of each."""
+    cells = [(row, _value_cell(row)) for row in row_mappings(rows)]
+    titles = [_title(row, cell, cell.text) for row, cell in cells]
     x = [axis_position(value, family) for value in rows["at"]]
-    return rows.rename(columns={"ci_low": "low", "ci_high": "high"}).assign(
-        x=x, text=texts, title=titles
-    )
+    return rows.rename(columns={"ci_low": "low", "ci_high": "high"}).assign(x=x, title=titles)
 
 
 def _value_cell(row: Mapping[str, Any]) -> Cell:
@@ -251,18 +236,8 @@ def family_figure(shown: Sequence[SweepPanel], styles: Styles, **size: Any) -> F
     return figure
 
 
-def described(panel: SweepPanel) -> str:
-    """Return the values of a panel in words, for readers who do not see it."""
-    by_method = grouped(panel.values, "method")
-    sentences = []
-    for method, points in by_method:
-        values = ", ".join(points["condition"] + " " + points["text"])
-        sentences.append(f"{method}: {values}.")
-    return " ".join(sentences)
-
-
 def _frontier_frame(points: pd.DataFrame) -> pd.DataFrame:
-    """Return the points that are drawn, with `panel`, its title, and `text`, what they say.
+    """Return the points that are drawn, with `panel`, its title, and `title`, what they say.
 
     points  as `bench.analysis.frontier.frontier_verdicts` returns them
 
@@ -277,9 +252,9 @@ def _frontier_frame(points: pd.DataFrame) -> pd.DataFrame:
         title = condition_words(point["condition"])
         if several:
             title += f", {point['class']}"
-        text = _text(point)
-        said = f"{text}{_interval(_value_cell(point))}, {counted(point['n'], 'image')}"
-        drawn.append(point | {"panel": title, "text": text, "title": said})
+        drawn.append(
+            point | {"panel": title, "title": _title(point, _value_cell(point), _text(point))}
+        )
     names = {
         "cost_ms": "cost",
         "cost_ci_low": "cost_low",
@@ -287,7 +262,7 @@ def _frontier_frame(points: pd.DataFrame) -> pd.DataFrame:
         "ci_low": "low",
         "ci_high": "high",
     }
-    return pd.DataFrame(drawn, columns=[*points, "panel", "text", "title"]).rename(columns=names)
+    return pd.DataFrame(drawn, columns=[*points, "panel", "title"]).rename(columns=names)
 
 
 def _is_drawn(point: Mapping[str, Any]) -> bool:
@@ -304,23 +279,21 @@ def _is_drawn(point: Mapping[str, Any]) -> bool:
 
 def _text(point: Mapping[str, Any]) -> str:
     """Return the cost and the value of a point in words."""
-    method = point["method"]
     value = _value_cell(point).text
-    if role(method) == "floor":
-        return f"{method}: {value}, looks at no cloud"
+    images = scored_as_blank(point["n_ok"], point["n"]) or counted(point["n"], "image")
+    if role(point["method"]) == "floor":
+        return f"{value}, looks at no cloud, {images}"
     verdicts = {
         "frontier": ", on the frontier",
         "below a white image": ", below a white image",
         "claimed": ", cost as claimed",
     }
     verdict = verdicts.get(point["verdict"], "")
-    text = f"{method}: {milliseconds(point['cost_ms'])} ms, {value}{verdict}"
-    failures = scored_as_blank(point["n_ok"], point["n"])
-    return f"{text} ({failures})" if failures else text
+    return f"{milliseconds(point['cost_ms'])} ms, {value}{verdict}, {images}"
 
 
-def cost_figures(points: pd.DataFrame, styles: Styles) -> dict[str, tuple[Figure, str]]:
-    """Return by metric the figure of quality against cost, and what it shows in words.
+def cost_figures(points: pd.DataFrame, styles: Styles) -> dict[str, Figure]:
+    """Return by metric the figure of quality against cost.
 
     A metric has no figure where no method that competes has a cost and a value.
     """
@@ -330,9 +303,7 @@ def cost_figures(points: pd.DataFrame, styles: Styles) -> dict[str, tuple[Figure
         if not rivals.empty:
             views = int(rivals["views"].iloc[0])
             x_label = f"ms for a cloud with {counted(views, 'view')}"
-            by_panel = grouped(rivals.sort_values("cost"), "panel")
-            words = [f"{panel}: {'; '.join(rows['text'])}." for panel, rows in by_panel]
-            figures[metric] = frontier_figure(of_metric, styles, x_label), " ".join(words)
+            figures[metric] = frontier_figure(of_metric, styles, x_label)
     return figures
 
 
@@ -364,7 +335,7 @@ def write_frontier(folder: Path, points: pd.DataFrame) -> None:
     """
     styles = method_styles(ordered(points["method"]))
     first = next(iter(points["metric"]), "")
-    for metric, (figure, _) in cost_figures(points, styles).items():
+    for metric, figure in cost_figures(points, styles).items():
         _save_both(figure, folder / ("frontier" if metric == first else f"frontier-{metric}"))
 
 

@@ -4,13 +4,11 @@ from __future__ import annotations
 
 from collections.abc import Iterable
 from dataclasses import dataclass
-from typing import Literal
 
 from bench.catalogue.lookup import family_of
 from bench.catalogue.methods import BUNDLED, find_setting, role
 
 Dashes = str | tuple[int, tuple[float, ...]]  # a line style of matplotlib
-Fill = Literal["full", "left", "right", "top", "bottom"]
 
 # Colours of the page's style sheet for light screens; for dark ones it replaces each by another.
 INK, PAPER, SOFT, RULE, SHADE = "#000000", "#ffffff", "#535b64", "#d9d6d0", "#f2f0ec"
@@ -29,7 +27,6 @@ _DASHES: tuple[Dashes, ...] = (
     (0, (0.8, 2.5)),
     (0, (3, 3.5)),
 )
-_FILLS: tuple[Fill, ...] = ("full", "left", "right", "top", "bottom")
 _FLOOR_DASHES: tuple[Dashes, ...] = ((0, (6, 3)), (0, (2, 2)))
 # The families of most plots: these eight differ in hue, marker and dashes at once.
 _COMMON_FAMILIES = (
@@ -62,13 +59,11 @@ class MethodStyle:
     """The style of a method in figures.
 
     marker  of matplotlib; empty for a floor, which is drawn as a line
-    fill    the part of the marker that is filled
     """
 
     colour: str
     marker: str
     dashes: Dashes
-    fill: Fill = "full"
 
 
 def rivals(methods: Iterable[str]) -> list[str]:
@@ -79,7 +74,7 @@ def rivals(methods: Iterable[str]) -> list[str]:
 def method_styles(methods: Iterable[str]) -> dict[str, MethodStyle]:
     """Return the style of each method, which for bundled ones does not depend on the others.
 
-    A family has one hue; its variants differ in marker, in its filled part and in dashes. A method
+    A family has one hue; its variants differ in marker and dashes. A method
     with another value of a parameter looks like the method. Families of other packages get the next
     styles, in the order of `methods`. Floors are dashed lines.
     """
@@ -107,6 +102,5 @@ def method_styles(methods: Iterable[str]) -> dict[str, MethodStyle]:
             HUES[shifted % len(HUES)],
             _MARKERS[(number + variant) % len(_MARKERS)],
             _DASHES[(shifted + variant) % len(_DASHES)],
-            _FILLS[variant % len(_FILLS)],
         )
     return styles

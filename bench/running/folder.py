@@ -61,19 +61,6 @@ def read_held(directory: Path, asked: Protocol) -> HeldRun:
         return HeldRun(manifest, frozenset(manifest["objects"]), store.is_empty)
 
 
-def commands_of(held: HeldRun, command: list[str], *, adds: bool) -> dict[str, Any]:
-    """Return the entries of a manifest for the commands behind a run: "command" and "added".
-
-    command  the command of this process
-    adds     whether it is `bench add`; the command that started the run then stays
-    """
-    added = list(held.manifest.get("added", ()))
-    if adds and held.manifest:
-        added += [] if command in added else [command]
-        command = held.manifest["command"]
-    return {"command": command, "added": added} if added else {"command": command}
-
-
 def protocol_in_folder(asked: Protocol, held: HeldRun, options: Options) -> Protocol:
     """Return the protocol that a run has in its folder.
 

@@ -39,7 +39,6 @@ from bench.running.folder import (
     APART,
     NOT_LOADED,
     HeldRun,
-    commands_of,
     planned_objects,
     protocol_in_folder,
     read_held,
@@ -162,7 +161,9 @@ def run(
         request = stated_request(options, protocol, held)
         objects = planned_objects(options, protocol, held)
         manifest = protocol.to_manifest(request, objects, workers, cluster)
-        manifest |= commands_of(held, manifest["command"], adds=options.adds)
+        if options.adds and held.manifest:  # the command that started the run stays
+            added = [*held.manifest.get("added", ()), manifest["command"]]
+            manifest |= {"command": held.manifest["command"], "added": added}
 
         def check() -> None:
             if check_directory(directory, manifest) != held.manifest:
