@@ -13,6 +13,7 @@ from bench.catalogue.metrics import column, higher_is_better
 from bench.records.job import GROUND_TRUTH, JobName
 from bench.report.images import Sources, data_uri, shown_objects
 from bench.report.styles import rivals
+from bench.tables.markdown import visible
 from data_prep.clouds.sampling import random_rows
 from data_prep.scene import PointCloud
 
@@ -60,7 +61,7 @@ def of_run(images: pd.DataFrame, sources: Sources, metric: str) -> dict[str, Any
         views = of_object.drop_duplicates("view").sort_values("view")[:count]
         job = JobName(GROUND_TRUTH, "", class_name, name)
         entry: dict[str, Any] = {
-            "name": f"{class_name} {name}",
+            "name": visible(f"{class_name} {name}"),
             "truth": _strip(sources, job, count),
         }
         entry["views"] = views[["azimuth_deg", "elevation_deg"]].round(2).to_numpy().tolist()

@@ -79,7 +79,9 @@
   const look = (section) => {
     const { objects, conditions, methods } = JSON.parse(section.querySelector("script").textContent);
     const part = (name) => section.querySelector(`.look-${name}`);
-    const [canvas, view, truth, drawn] = ["cloud", "view", "truth", "drawn"].map(part);
+    const [canvas, view, truth, drawn] = [part("cloud"), part("view"), new Image(), new Image()];
+    drawn.className = "over";
+    part("frame").append(truth, drawn);
     const choices = { object: objects.map((one) => one.name), condition: conditions, method: methods };
     for (const [name, entries] of Object.entries(choices)) {
       part(name).append(...entries.map((entry) => new Option(entry)));

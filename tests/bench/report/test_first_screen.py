@@ -30,7 +30,7 @@ VALUES = {
 
 
 def table_of(*rows):
-    return compact_table(quality_frame(value_frame(rows)))
+    return compact_table(quality_frame(value_frame(rows)), {})
 
 
 def test_the_best_stand_first_and_reference_methods_last():

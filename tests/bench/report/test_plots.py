@@ -15,11 +15,11 @@ from bench.analysis.compare import NAN
 from bench.analysis.differences import Verdicts
 from bench.analysis.frontier import frontier_verdicts
 from bench.catalogue.conditions import FAMILIES
+from bench.catalogue.methods import BUNDLED
 from bench.catalogue.metrics import higher_is_better
 from bench.report.page import inline
 from bench.report.run_figures import (
     cost_figures,
-    described,
     differences_figure,
     family_figure,
     family_panels,
@@ -27,7 +27,7 @@ from bench.report.run_figures import (
     quality_panels,
     write_frontier,
 )
-from bench.report.styles import PAPER, method_styles
+from bench.report.styles import PAPER, method_styles, rivals
 from bench.tables.frontier import cost_grid
 from bench.tables.markdown import visible
 
@@ -41,7 +41,7 @@ METHODS = ("surface-apss", "splat", "true-mesh", "blank")
 
 
 def row(method, condition, value, metric="ssim", class_name="chair", low=0.0, high=1.0):
-    changes = {"class": class_name, "ci_low": low, "ci_high": high}
+    changes = {"class": class_name, "ci_low": low, "ci_high": high, "objects": 24}
     return value_row(method, value, condition, metric, **changes)
 
 
@@ -94,19 +94,40 @@ def test_curves_show_values_and_intervals():
     assert [text.get_text() for text in names.get_texts()] == [
         *("splat", "surface-apss", "blank", "worse than a white image"),
     ]
-    assert described(panels_of(*rows)[0]) == (
-        "splat: 2048 0.800, 512 0.500, noise-0.05 0.300. "
-        "surface-apss: 2048 ≈0.70, 512 ≈0.40. blank: 2048 0.600, 512 0.600."
-    )
+    svg = parse(inline(drawn(*rows), "name", "words"))
+    titles = [title.text for title in svg.all("title")]
+    assert "splat, 512 of 2,048 points: 0.500, 24 chairs, 95 % interval 0.450 to 0.550" in titles
+    names = [title.split(",")[0] for title in titles]
+    assert names == ["splat"] * 3 + ["surface-apss"] * 2 + ["blank"]
+    named = {mark.attributes.get("data-method") for mark in svg.all("g")}
+    assert {entry.attributes.get("data-legend") for entry in svg.all("g")} <= named
 
 
 @pytest.mark.parametrize(("metric", "blank"), [("ssim", 0.6), ("lpips", 0.6), ("fd-views", 150.0)])
 def test_better_is_up_and_what_is_worse_than_a_white_image_is_shaded(metric, blank):
-    rows = [row("splat", "2048", blank / 2, metric), row("blank", "2048", blank, metric)]
+    better = 1.5 * blank if higher_is_better(metric) else blank / 2
+    rows = [row("splat", "2048", better, metric), row("blank", "2048", blank, metric)]
     (axis,) = drawn(*rows).axes
     bottom, top = axis.get_ylim()
     assert (bottom < top) == higher_is_better(metric)
     assert shaded(axis) == pytest.approx(sorted((bottom, blank)))
+
+
+def test_a_panel_without_a_better_side_says_so_and_distances_have_their_own_scale():
+    rows = [row("splat", "2048", 0.9, "structure"), row("blank", "2048", 1.0, "structure")]
+    (axis,) = drawn(*rows).axes
+    assert axis.get_title().endswith("\nno method is better than a white image")
+    assert not [patch for patch in axis.patches if patch.get_label() == "worse than a white image"]
+    rows = [row("splat", "2048", 2.0, "fd-views"), row("blank", "2048", 150.0, "fd-views")]
+    (axis,) = drawn(*rows).axes
+    assert axis.get_yscale() == "log"
+    assert 1 < min(axis.get_ylim()) < max(axis.get_ylim()) < 1000
+
+
+def test_no_two_methods_look_alike():
+    methods = rivals([*(method.id for method in BUNDLED), "my_method:METHOD", "other:METHOD"])
+    styles = method_styles(methods).values()
+    assert len({(style.colour, style.marker) for style in styles}) == len(methods)
 
 
 def test_a_point_without_failed_images_is_hollow_and_says_of_how_many_it_is():
@@ -116,7 +137,8 @@ def test_a_point_without_failed_images_is_hollow_and_says_of_how_many_it_is():
     outlines = [line for line in axis.lines if line.get_markerfacecolor() == PAPER]
     assert [y for line in outlines for y in line.get_ydata()] == [0.5]
     assert axis.get_xlabel() == "hollow: failed images are left out"
-    assert "splat: 2048 0.800, 512 0.500 (1 of 4 images)." in described(panels_of(*rows)[0])
+    title = "splat, 512 of 2,048 points: 0.500 (1 of 4 images)"
+    assert title in inline(axis.figure, "name", "words")
 
 
 def test_plots_take_their_colours_from_the_page_and_share_no_id():
@@ -173,7 +195,7 @@ def placed(metric="ssim"):
 
 def frontier_axis(points):
     points = pd.DataFrame(points)
-    ((figure, _),) = cost_figures(points, method_styles(points["method"])).values()
+    (figure,) = cost_figures(points, method_styles(points["method"])).values()
     (axis,) = figure.axes
     return axis
 
@@ -236,14 +258,14 @@ def costs_of(made):
         (
             QUALITIES,
             (2, 6),
-            "splat: 10.0 ms, 0.600, on the frontier (2 of 6 images, the others scored as blank)",
+            "10.0 ms, 0.600, on the frontier, 2 of 6 images, the others scored as blank",
             {"splat", "surface-apss"},
             "2 of 6 images",
         ),
         (
             QUALITIES | {"surface-apss": 0.55},
             (6, 6),
-            "splat: 10.0 ms, 0.600, on the frontier",
+            "10.0 ms, 0.600, on the frontier, 6 images",
             {"splat"},
             "",
         ),
@@ -251,7 +273,7 @@ def costs_of(made):
         (
             QUALITIES | {"splat": 0.45},
             (6, 6),
-            "splat: 10.0 ms, 0.450, below a white image",
+            "10.0 ms, 0.450, below a white image, 6 images",
             {"surface-apss"},
             "below a white image",
         ),
@@ -260,8 +282,9 @@ def costs_of(made):
 def test_costs_say_who_is_at_the_frontier_and_of_how_many_images(values, images, said, marked, gap):
     made = comparison(COSTS, values)
     made.loc[made["method"] == "splat", ["n_ok", "n"]] = images
-    ((_, words),) = costs_of(made).values()
-    assert words.startswith(f"2,048 points: {said}; surface-apss: 1000 ms, ≈0.")
+    (figure,) = costs_of(made).values()
+    titles = [title.text for title in parse(inline(figure, "name", "words")).all("title")]
+    assert any(title.startswith(f"splat, 2,048 points: {said}") for title in titles)
     table = cost_grid(made, "ssim", 2, Verdicts(made))
     assert table is not None
     assert {line.name for line in table.lines if line.cells[0].mark == "frontier"} == marked

@@ -67,17 +67,16 @@ def test_a_terminal_says_what_the_mark_means():
 
 
 def test_the_headline_marks_the_best_in_the_digits_that_both_have():
-    made = compact_table(quality_frame(value_frame([*ROWS, row("blank", 0.5)])))
+    made = compact_table(quality_frame(value_frame([*ROWS, row("blank", 0.5)])), {})
     cells = {method: cells[0] for method, _, cells in made["lines"]}
     assert {method: cell["best"] for method, cell in cells.items()} == {
         "surface-apss": True, "splat": True, "pc2pix": False, "blank": False,
     }  # fmt: skip
     assert made["coarse"]
-    assert not compact_table(quality_frame(value_frame(ROWS[1:])))["coarse"]
+    assert not compact_table(quality_frame(value_frame(ROWS[1:])), {})["coarse"]
     # 0.60 against 0.60: so many digits do not show it to be worse than a white image
-    coarse = compact_table(
-        quality_frame(value_frame([row("surface-apss", 0.5977), row("blank", 0.6)]))
-    )
+    rows = value_frame([row("surface-apss", 0.5977), row("blank", 0.6)])
+    coarse = compact_table(quality_frame(rows), {})
     assert not any(cell["below"] for _, _, cells in coarse["lines"] for cell in cells)
 
 
