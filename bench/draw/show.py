@@ -21,13 +21,7 @@ MOST_POINTS = 65_536  # points of a cloud that is shown alone: half a MB, as tex
 
 @dataclass(frozen=True)
 class Shown:
-    """A page of clouds that turn, as a notebook shows it and any browser.
-
-    Attributes
-    ----------
-    html : str
-        The page, which loads nothing.
-    """
+    """A page of clouds that turn, which a notebook shows, and which loads nothing."""
 
     html: str = field(repr=False)
 

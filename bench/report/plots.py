@@ -352,7 +352,7 @@ def _legend(figure: Figure, fontsize: float) -> None:
         handlelength=2.6,
     )
     for text in legend.get_texts():
-        text.set_gid(LEGEND + text.get_text())
+        text.set_gid(LEGEND + shortened(text.get_text()))
 
 
 def shortened(name: str) -> str:
@@ -484,14 +484,8 @@ def _draw_frontier(axis: Any, best: pd.DataFrame) -> None:
         return
     best, limits = best.sort_values("cost"), axis.get_xlim()
     cost, value = [*best["cost"], limits[1]], [*best["value"], best["value"].iloc[-1]]
-    steps: dict[str, Any] = {
-        "gid": marks_id("frontier"),
-        "color": INK,
-        "linewidth": 1.3,
-        "alpha": 0.75,
-        "zorder": 1.5,
-    }
-    axis.step(cost, value, where="post", label="frontier", **steps)
+    steps: dict[str, Any] = {"color": INK, "linewidth": 1.3, "alpha": 0.75, "zorder": 1.5}
+    axis.step(cost, value, where="post", label="frontier", gid=marks_id("frontier"), **steps)
     axis.set_xlim(limits)
 
 

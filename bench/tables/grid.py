@@ -217,7 +217,12 @@ class Grid:
     @property
     def all_notes(self) -> tuple[str, ...]:
         """Return the notes, and last the meaning of each mark."""
-        return (*self.notes, *meanings(cell for line in self.lines for cell in line.cells))
+        return (*self.notes, *self.meanings)
+
+    @property
+    def meanings(self) -> list[str]:
+        """Return the meaning of each mark."""
+        return meanings(cell for line in self.lines for cell in line.cells)
 
 
 Block = str | Grid  # a paragraph, a heading or a list in Markdown; or a grid

@@ -8,7 +8,7 @@ that reverse the direction of text.
 from __future__ import annotations
 
 import re
-from collections.abc import Iterable, Sequence
+from collections.abc import Container, Iterable, Sequence
 
 from bench.tables.grid import Block, Cell, Grid
 
@@ -43,17 +43,25 @@ def row(cells: Sequence[str]) -> str:
 def document(blocks: Iterable[Block]) -> str:
     """Return paragraphs, headings and lists, which are Markdown already, and grids as one text.
 
-    A blank line stands between blocks; empty ones are left out.
+    A blank line stands between blocks; empty ones are left out. What a mark means is said once,
+    beneath the first grid that has it.
     """
-    texts = (block if isinstance(block, str) else table(block) for block in blocks)
+    texts: list[str] = []
+    said: set[str] = set()
+    for block in blocks:
+        texts.append(block if isinstance(block, str) else table(block, said))
+        said |= set() if isinstance(block, str) else set(block.meanings)
     return "\n\n".join(text for text in texts if text) + "\n"
 
 
-def table(grid: Grid) -> str:
-    """Return a grid as a Markdown table and a list of its notes; of a void grid the notes alone."""
+def table(grid: Grid, said: Container[str] = ()) -> str:
+    """Return a grid as a Markdown table and a list of its notes; of a void grid the notes alone.
+
+    said  the meanings of marks that are left out
+    """
     if grid.void:
         return "\n".join(map(cell, grid.notes))
-    notes = grid.all_notes
+    notes = [note for note in grid.all_notes if note not in said]
     heads = [cell(head) for head in (grid.corner, *grid.columns)]
     lines = [cell(grid.remark), ""] if grid.remark else []
     lines += [row(heads), "|---" * len(heads) + "|"]

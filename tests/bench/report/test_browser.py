@@ -24,8 +24,9 @@ pytestmark = [
     pytest.mark.slow,
 ]
 
-FLAGS = (
-    *("--no-sandbox", "--disable-gpu", "--disable-quic", "--no-first-run", "--disable-sync"),
+FLAGS = (  # WebGL is drawn by the processor
+    *("--no-sandbox", "--use-gl=angle", "--use-angle=swiftshader", "--enable-unsafe-swiftshader"),
+    *("--disable-gpu", "--disable-quic", "--no-first-run", "--disable-sync"),
     *("--disable-background-networking", "--disable-component-update"),
 )
 WIDE, PHONE = {"width": 1280, "height": 900}, {"width": 360, "height": 740}
@@ -80,7 +81,8 @@ def open_page(browser, report):
         context = browser.new_context(**({"viewport": WIDE, "offline": True} | stated))
         contexts.append(context)
         page = context.new_page()
-        page.on("console", lambda message: complaints.append(message.text))
+        # The driver's remarks on its speed are no complaint.
+        page.on("console", lambda m: "GL Driver" in m.text or complaints.append(m.text))
         page.on("pageerror", lambda error: complaints.append(str(error)))
         page.on("request", lambda request: requests.append(request.url))
         page.goto(path.as_uri())
@@ -97,7 +99,8 @@ def test_all_images_are_there(open_page):
     page = open_page()
     page.wait_for_load_state("load")
     widths = page.evaluate(
-        "Promise.all([...document.images].filter(i => i.src).map(i => i.decode().then(() => i.naturalWidth)))"
+        "Promise.all([...document.images].filter(i => i.src)"
+        ".map(i => i.decode().then(() => i.naturalWidth)))"
     )
     assert len(widths) > 50
     assert set(widths) == {128}
@@ -177,6 +180,84 @@ def test_axe_finds_nothing(open_page, request, written, scheme, viewport):
     ]
     assert violations == []
     assert "color-contrast" in {rule["id"] for rule in found["passes"]}  # it was looked at
+
+
+PICTURE = "document.querySelector('.look-cloud').toDataURL()"
+WORDS = "document.querySelector('.look-words').textContent"
+
+
+@pytest.mark.parametrize("viewport", [WIDE, PHONE], ids=["wide", "phone"])
+def test_the_cloud_turns_and_the_images_follow(open_page, viewport):
+    page = open_page(viewport=viewport)
+    cloud = page.get_by_label("The cloud; arrow keys turn it")
+    cloud.scroll_into_view_if_needed()
+    page.wait_for_function(f"{WORDS} !== ''")
+    pictures, words = [page.evaluate(PICTURE)], [page.evaluate(WORDS)]
+    cloud.press("ArrowRight")
+    pictures.append(page.evaluate(PICTURE))
+    box = cloud.bounding_box()
+    page.mouse.move(box["x"] + 20, box["y"] + 60)
+    page.mouse.down()
+    page.mouse.move(box["x"] + 320, box["y"] + 60)  # about half a turn
+    page.mouse.up()
+    pictures.append(page.evaluate(PICTURE))
+    words.append(page.evaluate(WORDS))
+    view = page.get_by_label("View", exact=True)
+    view.press("ArrowLeft" if view.input_value() == "1" else "ArrowRight")
+    pictures.append(page.evaluate(PICTURE))
+    words.append(page.evaluate(WORDS))
+    page.locator(".look-condition").select_option("noise-0.10")
+    pictures.append(page.evaluate(PICTURE))
+    assert len(set(pictures)) == len(pictures)
+    assert words[1] != words[0]
+    assert words[2].split(":")[0] != words[1].split(":")[0]
+    slider = page.get_by_label("From the method's image to the truth")
+    slider.fill("80")
+    over = page.locator(".look .over")
+    assert over.evaluate("one => one.style.clipPath") == "inset(0px 0px 0px 80%)"
+    drawn = [image.get_attribute("alt") for image in page.locator(".look-frame img").all()]
+    number = words[2].split(":")[0].removeprefix("View ")
+    assert [alt.rpartition(" ")[2] for alt in drawn] == [number] * 2
+
+
+def test_without_webgl_the_images_are_there(open_page):
+    page = open_page()
+    page.add_init_script("HTMLCanvasElement.prototype.getContext = () => null")
+    page.reload()
+    assert page.locator(".look-note").inner_text().startswith("This browser has no WebGL")
+    assert page.locator(".look-frame img").first.is_visible()
+
+
+def test_an_image_is_enlarged_and_its_neighbours_follow(open_page):
+    page = open_page(viewport={"width": 390, "height": 800})
+    images = page.locator("table.images").first.locator("img")
+    alts = [image.get_attribute("alt") for image in images.all()]
+    images.nth(2).click()
+    dialog = page.get_by_role("dialog")
+    assert dialog.locator(".frame").bounding_box()["width"] >= 384
+    assert dialog.get_by_label("From the image to the truth").is_visible()
+    title = dialog.locator("#enlarged-title")
+    assert title.inner_text() == alts[2]
+    page.keyboard.press("ArrowLeft")
+    assert title.inner_text() == alts[1]  # the truth itself, under no slider
+    assert not dialog.get_by_label("From the image to the truth").is_visible()
+    page.keyboard.press("Escape")
+    assert page.evaluate("document.activeElement.alt") == alts[1]
+    page.keyboard.press("Enter")
+    assert dialog.is_visible()
+
+
+def test_a_name_in_a_legend_hides_its_marks_in_all_plots(open_page):
+    page = open_page()
+    marks = page.locator("[data-method=splat]:visible")
+    assert marks.count() > 3
+    name = page.locator("[data-legend=splat]").first
+    name.press("Enter")
+    assert marks.count() == 0
+    pressed = page.locator("[data-legend=splat]").evaluate_all("all => all.map(e => e.ariaPressed)")
+    assert set(pressed) == {"false"}
+    name.click()
+    assert marks.count() > 3
 
 
 def board_column(page, number):
