@@ -16,11 +16,6 @@ if TYPE_CHECKING:
     from bench.draw.points import draw_cloud, turntable
     from bench.draw.show import show
 
-_FUNCTIONS = {
-    "draw_cloud": "bench.draw.points",
-    "show": "bench.draw.show",
-    "turntable": "bench.draw.points",
-}
 __all__ = ["draw_cloud", "show", "turntable"]
 
 _PUBLIC = {
@@ -49,4 +44,5 @@ def __getattr__(name: str) -> Any:
     """Return a public function, whose module is imported now."""
     if name not in __all__:
         raise AttributeError(f"module 'bench' has no attribute '{name}'")
-    return getattr(import_module(_FUNCTIONS[name]), name)
+    module = "bench.draw.show" if name == "show" else "bench.draw.points"
+    return getattr(import_module(module), name)

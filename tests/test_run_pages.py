@@ -76,7 +76,7 @@ def test_the_golden_values_of_the_page_are_kept_by_both_jobs(folder, monkeypatch
 @pytest.mark.slow
 def test_the_script_of_the_page_on_python(folder):
     parts = blocks("python.md", "python")
-    assert len(parts) == 7
+    assert len(parts) == 8
     done = subprocess.run(
         [sys.executable, "-c", "\n".join(parts)], cwd=folder, capture_output=True, text=True
     )
@@ -86,6 +86,7 @@ def test_the_script_of_the_page_on_python(folder):
     expected = bench.draw_cloud(folder / "cloud.ply", 30, 20)
     assert float(like_blank) == pytest.approx(ssim(expected, 255 + 0 * expected).ssim, abs=1e-4)
     assert pairs == "(36,)"
+    assert '"points": "' in (folder / "cloud.html").read_text()
     with Image.open(folder / "chair.png") as image:
         # Another process may have another number of threads: a grey level by rounding.
         np.testing.assert_allclose(np.asarray(image).astype(int), expected, rtol=0, atol=1)

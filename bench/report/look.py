@@ -53,19 +53,16 @@ def of_run(images: pd.DataFrame, sources: Sources, metric: str) -> dict[str, Any
     if network and network not in methods:
         methods[-1] = network
     conditions = list(dict.fromkeys(map(str, images["condition"])))
-    images_of_view = len(conditions) * MOST_OBJECTS * MOST_METHODS
-    count = max(FEWEST_VIEWS, MOST_IMAGES // images_of_view)
+    count = max(FEWEST_VIEWS, MOST_IMAGES // (len(conditions) * MOST_OBJECTS * MOST_METHODS))
     objects = []
     for class_name, name in shown_objects(images)[:MOST_OBJECTS]:
         of_object = images[(images["class"] == class_name) & (images["object"] == name)]
         views = of_object.drop_duplicates("view").sort_values("view")[:count]
         job = JobName(GROUND_TRUTH, "", class_name, name)
-        entry: dict[str, Any] = {
-            "name": visible(f"{class_name} {name}"),
-            "truth": _strip(sources, job, count),
-        }
+        entry: dict[str, Any] = {"name": visible(f"{class_name} {name}"), "clouds": {}}
         entry["views"] = views[["azimuth_deg", "elevation_deg"]].round(2).to_numpy().tolist()
-        entry |= {"clouds": {}, "images": {condition: {} for condition in conditions}}
+        entry["truth"] = _strip(sources, job, count)
+        entry["images"] = {condition: {} for condition in conditions}
         for condition in conditions:
             job = job._replace(condition=condition)
             cloud = sources.cloud(job)

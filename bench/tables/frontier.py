@@ -13,7 +13,7 @@ import pandas as pd
 from bench.analysis.compare import COST, IMAGE_SET, VALUE, Estimate, milliseconds
 from bench.analysis.differences import Verdicts
 from bench.analysis.frontier import FRONTIER, LOST, POINTS, frontier_verdicts
-from bench.catalogue.methods import role
+from bench.catalogue.methods import role_in_words
 from bench.catalogue.suites import TableSpec
 from bench.records.job import TIMES
 from bench.tables import markdown
@@ -134,7 +134,7 @@ def cost_grid(compared: pd.DataFrame, metric: str, views: int, verdicts: Verdict
             for condition in conditions:
                 row = rows.get((condition, class_name, method))
                 cells.append(DASH if row is None else _cost_of(row))
-            about = class_name if len(classes) > 1 else role(method)
+            about = class_name if len(classes) > 1 else role_in_words(method)
             lines.append(TableRow(method, tuple(cells), about))
     notes = [
         f"“frontier”: no other method has at least its {metric} for at most its cost; “below a "

@@ -37,7 +37,7 @@ from bench.analysis.values import (
     with_averages,
 )
 from bench.catalogue.chosen import CHOSEN
-from bench.catalogue.methods import role, training_objects
+from bench.catalogue.methods import role, role_in_words, training_objects
 from bench.catalogue.metrics import JUDGE, higher_is_better, is_mean
 from bench.catalogue.suites import TableKind, TableSpec
 from bench.records.folder import PROTOCOL
@@ -521,7 +521,7 @@ def quality_cell(row: Mapping[str, Any]) -> Cell:
 
 def _about(rows: Sequence[Mapping[str, Any]]) -> str:
     """Return what stands beside a method's name: its role, and what it was trained on."""
-    parts = [role(rows[0]["method"]), _training(rows[0], rows[0]["objective"])]
+    parts = [role_in_words(rows[0]["method"]), _training(rows[0], rows[0]["objective"])]
     return ", ".join(part for part in parts if part)
 
 

@@ -11,7 +11,7 @@ import pandas as pd
 from bench.analysis.compare import NAN
 from bench.analysis.digits import decimals
 from bench.analysis.tails import INVENTED
-from bench.catalogue.methods import role
+from bench.catalogue.methods import role_in_words
 from bench.tables.grid import (
     BEST,
     Block,
@@ -80,7 +80,7 @@ def _grid(
         column="condition",
         cell=cell,
         corner="method",
-        about=lambda of_method: role(of_method[0]["method"]),
+        about=lambda of_method: role_in_words(of_method[0]["method"]),
         caption=caption,
         notes=tuple(notes),
         higher=False,

@@ -57,6 +57,7 @@ def of_random_values(tmp_path_factory):
         methods=["surface-apss", "splat", "true-mesh", "blank"],
         objects=[f"chair/{name}" for name in "abcd"],
         command=["some/folder/bench", "run", "--suite", "chair-robustness", "--out", "my run"],
+        added=[["some/folder/bench", "add", "my_method:METHOD", "my run"]],
     )
     reasons = {
         ("surface-apss", "b"): "timeout: 3 s",
@@ -148,6 +149,14 @@ def test_every_value_of_the_tables_is_in_the_page(of_random_values, document):
     columns, lines = shown["ssim, chair (higher is better)"]
     papers = [cell.one("span", class_="paper").text for cell in lines["surface-apss"]]
     assert (columns, papers) == (["2048", "512"], ["paper 0.7", "paper 0.63"])  # Table 3, SR
+
+
+def test_the_commands_of_the_run_are_shown(document):
+    shown = [command.text for command in document.all("pre", class_="command")]
+    assert shown == [
+        "bench run --suite chair-robustness --out 'my run'",
+        "bench add my_method:METHOD 'my run'",
+    ]
 
 
 def test_failures_are_listed_with_their_reasons(document):
