@@ -575,12 +575,6 @@ def role(method_id: str) -> str:
     return method.role if method else ""
 
 
-def role_in_words(method_id: str) -> str:
-    """Return what tables call the role of a row, "upper bound" for "ceiling"; "" without a role."""
-    words = {"ceiling": "upper bound", "floor": "lower bound"}
-    return words.get(role(method_id), role(method_id))
-
-
 def training_objects(method_id: str, manifest: Mapping[str, Any]) -> str:
     """Return what a method of a run was trained on, such as "chairs"; "" where it is not known.
 

@@ -20,7 +20,7 @@ MOST_POINTS = 65_536  # points of a cloud that is shown alone: half a MB, as tex
 
 
 @dataclass(frozen=True)
-class Shown:
+class Viewer:
     """A page of clouds that turn, which a notebook shows, and which loads nothing."""
 
     html: str = field(repr=False)
@@ -42,7 +42,7 @@ def show(
     front: str | None = None,
     colour: str = "auto",
     colors: ArrayLike | None = None,
-) -> Shown:
+) -> Viewer:
     """Return a cloud that a pointer or arrow keys turn, or the report of a run.
 
     Parameters
@@ -55,7 +55,7 @@ def show(
 
     Returns
     -------
-    Shown
+    Viewer
 
     Raises
     ------
@@ -70,10 +70,11 @@ def show(
         report = Path(points) / REPORT
         if not report.is_file():
             raise BadInput(f"{report}: is not there; 'bench report {points}' writes it")
-        return Shown(report.read_text(encoding="utf-8"))
+        return Viewer(report.read_text(encoding="utf-8"))
     loaded = loaded_cloud(points, colour, None, colors, up=up, front=front)
     warn(loaded.notes, levels=2)
     title = Path(points).name if isinstance(points, str | Path) else "cloud"
-    one = {"name": title, "views": [], "clouds": {"": cloud_entry(loaded.cloud, MOST_POINTS)}}
-    shown = {"objects": [one], "conditions": [""], "methods": []}
-    return Shown(rendered("show.html.jinja", scripts=("viewer.js",), shown=shown, title=title))
+    clouds = {"": cloud_entry(loaded.cloud, MOST_POINTS)}
+    objects = [{"name": title, "views": [], "clouds": clouds}]
+    shown = {"objects": objects, "conditions": [""], "methods": []}
+    return Viewer(rendered("show.html.jinja", scripts=("viewer.js",), shown=shown, title=title))

@@ -154,11 +154,7 @@ class Statement(NamedTuple):
 
 
 class Answer(NamedTuple):
-    """The answer of a run.
-
-    lines      what is said in words
-    standings  by method, metric and condition one of `STANDINGS`, where it is shown
-    """
+    """The lines of an answer, and one of `STANDINGS` by method, metric and condition."""
 
     lines: tuple[Statement, ...]
     standings: Mapping[_Key, str]

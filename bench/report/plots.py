@@ -161,10 +161,7 @@ def axis_title(metric: str) -> str:
 
 
 def marks_id(method: str, titles: Iterable[str] = ()) -> str:
-    """Return the id that tells `bench.report.page.inline` of which method marks are.
-
-    titles  what the page says of each of them
-    """
+    """Return the id by which the page knows whose marks these are, and the title of each."""
     return json.dumps([shortened(method), *titles])
 
 
@@ -243,7 +240,10 @@ def _draw_sweep(axis: Any, panel: SweepPanel, styles: Styles, dodge: float) -> N
             gid = marks_id(method, part["title"][part["value"].notna()])
             axis.plot(x[part.index], part["value"], gid=gid, **marker(style) | line | label)
         bars: dict[str, Any] = {"color": style.colour, "linewidth": 0.9, "gid": marks_id(method)}
-        axis.vlines(x, points["low"], points["high"], **bars)
+        low = points["low"]
+        if panel.y_scale == "distance":  # near 0 an interval would fill a logarithmic axis
+            low = low.clip(lower=panel.values["value"].min() / 2)
+        axis.vlines(x, low, points["high"], **bars)
         outlines = points[points["hollow"].astype(bool) & points["value"].notna()]
         gid = marks_id(method, outlines["title"])
         axis.plot(x[outlines.index], outlines["value"], gid=gid, **marker(style, hollow=True))

@@ -13,7 +13,6 @@ import pandas as pd
 from bench.analysis.compare import COST, IMAGE_SET, VALUE, Estimate, milliseconds
 from bench.analysis.differences import Verdicts
 from bench.analysis.frontier import FRONTIER, LOST, POINTS, frontier_verdicts
-from bench.catalogue.methods import role_in_words
 from bench.catalogue.suites import TableSpec
 from bench.records.job import TIMES
 from bench.tables import markdown
@@ -27,6 +26,7 @@ from bench.tables.grid import (
     metric_cell,
     number_cell,
     pivot,
+    role_in_words,
     row_mappings,
 )
 from bench.tables.table import Table

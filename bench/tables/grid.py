@@ -12,6 +12,7 @@ from functools import partial
 from typing import TYPE_CHECKING, Any, NamedTuple, TypeVar
 
 from bench.analysis.digits import decimals, is_coarse
+from bench.catalogue.methods import role
 
 if TYPE_CHECKING:
     import pandas as pd
@@ -223,6 +224,12 @@ class Grid:
     def meanings(self) -> list[str]:
         """Return the meaning of each mark."""
         return meanings(cell for line in self.lines for cell in line.cells)
+
+
+def role_in_words(method_id: str) -> str:
+    """Return what tables call the role of a row, "upper bound" for "ceiling"; "" without a role."""
+    words = {"ceiling": "upper bound", "floor": "lower bound"}
+    return words.get(role(method_id), role(method_id))
 
 
 Block = str | Grid  # a paragraph, a heading or a list in Markdown; or a grid

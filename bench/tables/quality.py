@@ -37,7 +37,7 @@ from bench.analysis.values import (
     with_averages,
 )
 from bench.catalogue.chosen import CHOSEN
-from bench.catalogue.methods import role, role_in_words, training_objects
+from bench.catalogue.methods import role, training_objects
 from bench.catalogue.metrics import JUDGE, higher_is_better, is_mean
 from bench.catalogue.suites import TableKind, TableSpec
 from bench.records.folder import PROTOCOL
@@ -55,6 +55,7 @@ from bench.tables.grid import (
     number_text,
     ordered,
     pivot,
+    role_in_words,
     row_mappings,
     unsure,
 )

@@ -11,7 +11,6 @@ import pandas as pd
 from bench.analysis.compare import NAN
 from bench.analysis.digits import decimals
 from bench.analysis.tails import INVENTED
-from bench.catalogue.methods import role_in_words
 from bench.tables.grid import (
     BEST,
     Block,
@@ -20,6 +19,7 @@ from bench.tables.grid import (
     metric_cell,
     number_text,
     pivot,
+    role_in_words,
     row_mappings,
     scored_as_blank,
 )

@@ -16,7 +16,7 @@
   const enlarge = (image) => {
     shown = image;
     const truth = group.find((other) => "truth" in other.dataset);
-    const compared = truth && truth !== image && !("cloud" in image.dataset);
+    const compared = truth && !("truth" in image.dataset || "cloud" in image.dataset);
     title.textContent = over.alt = image.alt;
     over.src = image.src;
     under.hidden = share.parentElement.hidden = !compared;

@@ -153,10 +153,8 @@ def test_every_value_of_the_tables_is_in_the_page(of_random_values, document):
 
 def test_the_commands_of_the_run_are_shown(document):
     shown = [command.text for command in document.all("pre", class_="command")]
-    assert shown == [
-        "bench run --suite chair-robustness --out 'my run'",
-        "bench add my_method:METHOD 'my run'",
-    ]
+    assert shown[0] == "bench run --suite chair-robustness --out 'my run'"
+    assert shown[1:] == ["bench add my_method:METHOD 'my run'"]
 
 
 def test_failures_are_listed_with_their_reasons(document):

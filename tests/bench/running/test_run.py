@@ -433,6 +433,7 @@ def test_bad_meshes_among_good_ones(same_machine, no_networks, tmp_path, capsys)
     capsys.readouterr()
     more = counted_run(replace(options, methods=("splat",), adds=True))  # as "bench add" does
     assert (more.done, more.reused, more.failed) == (2, 15 + 3, 9 + 3)
+    assert len(read_manifest(out)["added"]) == 1
     assert "chair-robustness: 18 jobs are there from before\n" in capsys.readouterr().err
 
 
