@@ -52,11 +52,11 @@ STANDINGS = {
 def compact_table(rows: pd.DataFrame, standings: Mapping[_Key, str]) -> dict[str, Any] | None:
     """Return the values of the headline, with a column for each metric and condition.
 
-    rows       as `quality_frame` returns them
+    rows       as `quality_frame` returns them, in the order of `bench.tables.quality.headline`
     standings  as `in_short` returns them
 
-    The best by the first metric stand first, the reference methods last. The best of a column is
-    marked, and what is worse than a white image. None where no method has a value.
+    The best of a column is marked, and what is worse than a white image. None where no method has
+    a value.
     """
     rows = rows[~rows["skipped"].astype(bool)]
     if not np.isfinite(rows["value"].astype(float)).any():
@@ -70,15 +70,6 @@ def compact_table(rows: pd.DataFrame, standings: Mapping[_Key, str]) -> dict[str
         of_metric = row_mappings(rows[rows["metric"] == metric])
         best |= {(method, metric, at) for _, at, method in best_printed(of_metric)}
 
-    def sort_key(method: str) -> tuple[bool, float]:
-        is_reference = role(method) in ("ceiling", "floor")
-        of_first = [row_of.get((method, metrics[0], condition)) for _, condition in columns]
-        mean = _mean_printed(metrics[0], [row for row in of_first if row])
-        if math.isnan(mean):
-            return is_reference, math.inf
-        return is_reference, -mean if higher_is_better(metrics[0]) else mean
-
-    methods = sorted(ordered(rows["method"]), key=sort_key)
     caption = f"Best first by {metrics[0]}"
     if len(columns) > len(metrics):
         caption += f", mean over {len(columns) // len(metrics)} conditions"
@@ -88,7 +79,7 @@ def compact_table(rows: pd.DataFrame, standings: Mapping[_Key, str]) -> dict[str
         kind = name.kind if name.kind != "points" else ""
         heads.append((metric, higher_is_better(metric), kind, name))
     lines = []
-    for method in methods:
+    for method in ordered(rows["method"]):
         cells = [_cell(row_of, best, (method, *column)) for column in columns]
         for column, cell in zip(columns, cells, strict=True):
             cell["standing"] = standings.get((method, *column), "")
@@ -104,13 +95,6 @@ def compact_table(rows: pd.DataFrame, standings: Mapping[_Key, str]) -> dict[str
         "failed": bool(rows["failed"].any()),
         "coarse": f"{FEWER}. " if coarse else "",
     }
-
-
-def _mean_printed(metric: str, rows: Sequence[Mapping[str, Any]]) -> float:
-    """Return the mean of the values in the digits that are printed; NaN where there is none."""
-    values = [round(row["value"], decimals(metric, row["images_of"])) for row in rows]
-    finite = [value for value in values if math.isfinite(value)]
-    return float(np.mean(finite)) if finite else math.nan
 
 
 def _cell(rows: Mapping[_Key, Any], best: Container[_Key], key: _Key) -> dict[str, Any]:

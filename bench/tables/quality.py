@@ -13,6 +13,7 @@ from functools import partial
 from itertools import product
 from typing import Any
 
+import numpy as np
 import pandas as pd
 from threadpoolctl import threadpool_limits
 
@@ -197,9 +198,23 @@ def headline(run: Run, metrics: Sequence[str] | None = None) -> Table:
         yield from all_methods(frame.assign(failures_as_blank=NAN), _HEADLINE_LEGEND)
 
     title = f"{' and '.join(suite.headline)}: {objects} of {planned} objects"
-    every = _with_chosen_rows(annotated(rows, manifest, {}))
+    every = best_first(_with_chosen_rows(annotated(rows, manifest, {})))
     table = Table(HEADLINE_TABLE, title, every, layout, hidden=HIDDEN)
     return of_protocol(table, suite, manifest[PROTOCOL])
+
+
+def best_first(rows: pd.DataFrame) -> pd.DataFrame:
+    """Return rows, the best method by the first metric as printed first, references last."""
+    if rows.empty:
+        return rows
+    metrics = ordered(rows["metric"])
+    first = rows[rows["metric"] == metrics[0]]
+    digits = [decimals(metrics[0], images_of) for images_of in first["images_of"]]
+    printed = pd.Series(list(map(round, first["value"], digits)), first["method"])
+    means = printed.groupby(level=0).mean() * (-1 if higher_is_better(metrics[0]) else 1)
+    is_reference = [role(method) in ("ceiling", "floor") for method in rows["method"]]
+    keys = [rows["method"].map(means), is_reference, rows["metric"].map(metrics.index)]
+    return rows.iloc[np.lexsort(np.array(keys, np.float64))]  # the last key counts most
 
 
 def metric_table(run: Run, metric: Any, rows: pd.DataFrame) -> Table:
