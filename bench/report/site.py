@@ -159,6 +159,7 @@ def method_page(
         _, cells = images[0]["rows"][0]
         picture, _ = cells[-1][0]  # of the method, which has the last column
     return {
+        "scripts": ("report.js", "pictures.js"),
         "method": method,
         "run": run,
         "report": REPORT,
