@@ -13,6 +13,7 @@ from contextlib import contextmanager
 from dataclasses import dataclass, field
 from itertools import pairwise
 from pathlib import Path
+from textwrap import fill
 from typing import TYPE_CHECKING, Any, Literal
 
 import numpy as np
@@ -91,6 +92,7 @@ ENTRY_IN = 0.2  # inches: height of a line of the legend
 LETTERS_PER_INCH = 15  # letters of the legend that have room in an inch, at the size TEXT
 ENTRY_LETTERS = 8  # letters that would have room in place of an entry's marker and margins
 LEGEND = "legend: "  # begins the id of a name in a legend
+_TITLE_LETTERS = 48  # letters in a line of a title: more are wider than one of two panels
 LONGEST = 24  # letters of a method's name in a legend; of a longer one the end is shown
 DIRECTIONS = "\N{LEFTWARDS ARROW} worse   better \N{RIGHTWARDS ARROW}"
 _WORSE = "worse than a white image"
@@ -258,7 +260,7 @@ def _name_axes(axis: Any, panel: SweepPanel, fontsize: float) -> None:
     """Set the title, the labels, the scales and the ticks of a panel."""
     from matplotlib.ticker import LogLocator, NullLocator
 
-    axis.set_title(visible(panel.title), fontsize=fontsize + 1)
+    axis.set_title(fill(visible(panel.title), _TITLE_LETTERS), fontsize=fontsize + 1)
     axis.set_xlabel(panel.x_label, fontsize=fontsize)
     axis.set_ylabel(panel.y_label, fontsize=fontsize)
     axis.set_xscale(panel.x_scale)
