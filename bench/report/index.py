@@ -167,16 +167,19 @@ def leaderboard(
         # The first two columns of the page have the place and the name.
         numbered_groups.append((2 + len(columns), group))
         columns += group.columns
+    # Methods with equal mean places share a rank, as in sports.
+    means = sorted(places.values())
+    ranks = {method: 1 + means.index(places[method]) for method in placed}
     rows = [
         {
-            "place": place if method in places else None,
+            "place": ranks.get(method),
             "name": method,
             "about": _WORDS.get(method, _WORDS.get(role(method), "")),
             "reference": is_reference(method),
             "page": pages.get(method),
             "cells": [_cell(column, method) for column in columns],
         }
-        for place, method in enumerate((*placed, *others), 1)
+        for method in (*placed, *others)
     ]
     metrics = dict.fromkeys(column.name for column in metric_columns)
     meanings = "; ".join(f"{metric}: {_metric_words(metric)}" for metric in metrics)

@@ -13,7 +13,15 @@ from builders import make_failed, read_all, write_all, write_run
 
 from bench.analysis.run import read_run
 from bench.records.folder import locked_run
-from bench.report.index import NamedRun, index_html, run_groups
+from bench.report.index import (
+    BoardGroup,
+    NamedRun,
+    index_html,
+    leaderboard,
+    metric_column,
+    run_groups,
+    value_cell,
+)
 from bench.report.site import command_of, page_files, write_site
 
 CHAIRS = [f"chair/{i:02d}" for i in range(12)]
@@ -52,6 +60,17 @@ def cells(board, method: str) -> list[str]:
 def chairs(tmp_path_factory):
     scores = {"pc2pix": 0.9, "pc2pix@all": 0.8, "splat": 0.3, "surface-apss": 0.2, "blank": 0.25}
     return write_scores(tmp_path_factory.mktemp("index") / "chairs", {**scores, "true-mesh": 1.0})
+
+
+def test_equal_mean_places_share_a_rank():
+    values = {"lpips": {"splat": 0.1, "pc2pix": 0.2, "alpha-wrap": 0.3}}
+    values["ssim"] = {"splat": 0.8, "pc2pix": 0.9, "alpha-wrap": 0.7}
+    columns = []
+    for metric, by_method in values.items():
+        one = {name: value_cell(value, metric, name) for name, value in by_method.items()}
+        columns.append(metric_column(metric, one))
+    board = leaderboard("", [BoardGroup(columns)], [], [*values["lpips"]], [])
+    assert places(board) == {"splat": 1, "pc2pix": 1, "alpha-wrap": 3}
 
 
 def test_a_small_run_has_a_board_of_its_own(tmp_path):
