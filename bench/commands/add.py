@@ -92,7 +92,7 @@ def add(
         name = "--out" if limit is None else "--limit"
         raise BadInput(f"{name}: the objects are those of {directory}; give --dataset with it")
     elif any(name.startswith(IMAGES_PREFIX) for name in asked):
-        options = with_export(options)
+        options = with_export(options, asked)
     allow_modules(asked)
     for name in asked:
         if test and is_own(name):
@@ -131,14 +131,28 @@ def options_of(directory: Path, methods: Sequence[str], workers: int | None) -> 
     return Options(**{**values, **asked, "adds": True})
 
 
-def with_export(options: Options) -> Options:
-    """Return the options with the checksum of an export of their inputs, unless they are of one."""
+def with_export(options: Options, methods: Sequence[str]) -> Options:
+    """Return the options with the checksum of an export of their inputs, unless they are of one.
+
+    Raises BadInput where images among the methods were drawn of another export.
+    """
     from bench.running.export import checksum_of_inputs
 
+    drawn = [find_run_method(name) for name in methods if name.startswith(IMAGES_PREFIX)]
     if open_dataset(options.dataset).checksum is not None:
         return options
     log(f"{options.dataset}: its clouds and true images are compared with those of the export")
-    return replace(options, export=checksum_of_inputs(options))
+    export = checksum_of_inputs(options)
+    for method in drawn:
+        if method.images is not None and method.images.claims.export != export:
+            run = read_finished(options.directory)
+            raise BadInput(
+                f"{method.id}: its export has other clouds or views than {options.directory}: "
+                f"{len(run['objects'])} objects of {run['dataset']}, {run['views']} views, "
+                f"conditions {', '.join(run['conditions'])}, seed {run['seed']}; draw an export of "
+                "these, or measure the methods of the run on yours with --dataset exported:PATH"
+            )
+    return replace(options, export=export)
 
 
 def on_dataset(options: Options, dataset: str, limit: int | None, out: Path | None) -> Options:

@@ -13,6 +13,7 @@ from bench.entered.claims import address_of
 from bench.records.folder import read_finished
 from bench.running.environment import cores
 from bench.surfaces import measure_surfaces
+from bench.tables.table import TABLES
 from data_prep.failures import BadInput
 
 
@@ -36,3 +37,4 @@ def surface(
         )
     for table in measure_surfaces(directory, chosen, worker_count(workers) or cores()):
         print(table.to_markdown())
+    print(f"tables: {directory / TABLES}, surface*.csv and .md")

@@ -7,6 +7,7 @@ from typing import Annotated
 import typer
 
 from bench.analysis.run import read_run
+from bench.catalogue.chosen import CHOSEN
 from bench.commands.options import Format, FormatOption, RunDirectory, names
 from bench.records.folder import locked_run
 from data_prep.failures import unknown
@@ -35,7 +36,10 @@ def table(
     from bench.tables.build import write_outputs
 
     asked, asked_methods = names(tables), names(methods)
-    read_run(directory)  # refuses a folder that is no run before a lock file is made in it
+    run = read_run(directory)  # refuses a folder that is no run before a lock file is made in it
+    of_run = [*run.manifest["methods"], *CHOSEN]
+    for name in {*(asked_methods or ())} - {*of_run}:  # before the tables, which take seconds
+        raise unknown(name, of_run, f"method of {directory}")
     with locked_run(directory):
         outputs = write_outputs(read_run(directory))
     if asked is None and asked_methods is None:

@@ -211,7 +211,7 @@ def in_short(compared: pd.DataFrame, metrics: Sequence[str], views: int) -> Answ
     metrics   metrics of images that the comparison has, the most important first
     views     number of views of a cloud
 
-    It has a line for each question that the run answers, the paper's first.
+    It has a line for each question that the run answers, first which method is the best.
     """
     verdicts, every = Verdicts(compared), ordered(compared["condition"])
     for_cost_alone = [method.id for method in COST_VARIANTS]
@@ -233,6 +233,7 @@ def in_short(compared: pd.DataFrame, metrics: Sequence[str], views: int) -> Answ
         none = "no image of a method that competes was scored, nothing can be said"
         return Answer((Statement("No answer", (((), none),)),), {})
     lines = (
+        _best(contests, every),
         _question(contests, every),
         _undecided(contests),
         _cheapest(contests, views, every),
@@ -244,6 +245,15 @@ def in_short(compared: pd.DataFrame, metrics: Sequence[str], views: int) -> Answ
         if (standing := contest.standing(method))
     }
     return Answer(tuple(line for line in lines if line.entries), standings)
+
+
+def _best(contests: Sequence[_Contest], every: Sequence[str]) -> Statement:
+    """Return which methods have the best means, by which metrics and where."""
+    by_leader: dict[str, list[_Contest]] = {}
+    for contest in contests:
+        by_leader.setdefault(contest.leader, []).append(contest)
+    entries = [((leader,), _where(led, every)) for leader, led in by_leader.items()]
+    return Statement("Best mean", tuple(entries))
 
 
 def _question(contests: Sequence[_Contest], every: Sequence[str]) -> Statement:

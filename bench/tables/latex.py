@@ -124,6 +124,7 @@ class _Text(NamedTuple):
 _Row = tuple[_Text, ...]
 _MISSING = _Text("-", _NARROW)
 _PAPER = _Text(r"\quad paper", 7 * _USUAL)  # the name of a line of published values
+_CLOSER = 4  # pt by which such a line is nearer to the line above it, to which it belongs
 
 
 def _widths(rows: Sequence[_Row]) -> list[float]:
@@ -206,7 +207,10 @@ def _tables(grid: Grid, label: str, title: str) -> Iterator[str]:
                 r"\toprule",
                 _row(head),
                 r"\midrule",
-                *map(_row, body),
+                *(
+                    _of_paper(_row(line)) if line[0] == _PAPER and not grid.void else _row(line)
+                    for line in body
+                ),
                 r"\bottomrule",
                 r"\end{tabular}",
                 *(rf"\par{{\footnotesize {escaped(text)}}}" for text in remarks if text),
@@ -218,6 +222,11 @@ def _tables(grid: Grid, label: str, title: str) -> Iterator[str]:
 
 def _row(texts: _Row) -> str:
     return " & ".join(text.code for text in texts) + r" \\"
+
+
+def _of_paper(row: str) -> str:
+    """Return a line of published values, moved up into the room below the intervals above it."""
+    return f"\\addlinespace[-{_CLOSER}pt]\n{row}\n\\addlinespace[{_CLOSER}pt]"
 
 
 def _text(text: str) -> _Text:

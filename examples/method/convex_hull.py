@@ -37,4 +37,5 @@ METHOD = Method(
     identity=lambda: f"scipy {version('scipy')}",  # what else its images depend on
     version=1,  # raised when a change here alters its images
     source="the smallest convex shape around the points",
+    trained_on="nothing",
 )

@@ -24,5 +24,5 @@ def test_an_unknown_choice_is_refused(tmp_path, refused):
     run = tiny_run(tmp_path / "run", "chair-robustness")
     said = f"unknown table of {run} 'table3': did you mean 'table3_ssim'? "
     assert refused("table", run, "--tables", "table3").startswith(said)
-    said = "unknown method of these tables 'pc2pxi': did you mean 'pc2pix'? "
+    said = f"unknown method of {run} 'pc2pxi': did you mean 'pc2pix'? "
     assert refused("table", run, "--methods", "pc2pxi").startswith(said)

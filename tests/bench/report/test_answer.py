@@ -46,7 +46,10 @@ def test_who_is_ahead_everywhere_and_what_it_costs():
     at = ("2048", "512", "noise-0.10")
     lines, standings = answer_of([comparison(VALUES, c, costs=COSTS) for c in at])
     everywhere = "every condition (ssim-object, lpips)"
-    assert lines == {CHEAPEST: [f"splat-net: 40.0 ms for a cloud with its 2 views; {everywhere}"]}
+    assert lines == {
+        "Best mean": [f"splat-net: {everywhere}"],
+        CHEAPEST: [f"splat-net: 40.0 ms for a cloud with its 2 views; {everywhere}"],
+    }
     expected = {"splat-net": "ahead", "pc2pix": "behind", "splat": "behind"}
     assert standings == {
         (m, by, c): who for m, who in expected.items() for by in METRICS for c in at
@@ -80,6 +83,7 @@ def test_the_cheaper_of_two_that_are_level_is_named():
 def test_too_few_objects_say_how_many_it_takes(objects, name):
     lines, standings = answer_of([comparison(VALUES, objects=objects)], ["ssim-object"])
     (text,) = lines.pop("Not decided")
+    assert lines.pop("Best mean") == ["splat-net: 2,048 points (ssim-object)"]
     assert text.startswith(f": nothing can be shown with {name} here: at least ")
     assert int(text.split()[-3]) > objects
     assert lines == standings == {}
