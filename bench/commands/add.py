@@ -168,12 +168,21 @@ def on_dataset(options: Options, dataset: str, limit: int | None, out: Path | No
     if left_out := [m for m in before["methods"] if m not in kept and m not in asked]:
         why = "images of other clouds, or of a module that this command does not name"
         log(f"{', '.join(left_out)}: left out on {dataset}: {why}")
-    exported = (obj for obj in opened.finite or () if isinstance(obj, ExportedObject))
+    exported = [obj for obj in opened.finite or () if isinstance(obj, ExportedObject)]
     views = (options.views, *(len(obj.exported_views) for obj in exported))
+    conditions = before["conditions"]
+    if exported and any(name.startswith(IMAGES_PREFIX) for name in asked):
+        drawn = set.intersection(*({name for name, _ in obj.clouds} for obj in exported))
+        conditions = [name for name in conditions if name in drawn]
+        if left_out := [name for name in before["conditions"] if name not in drawn]:
+            log(f"{dataset}: has no clouds of {', '.join(left_out)}, which are left out")
+        if not conditions:
+            raise BadInput(f"{dataset}: has no clouds of the conditions of the run; export these")
     beside = options.directory if options.directory.name else options.directory.resolve()
     return replace(
         options,
         dataset=dataset,
+        conditions=tuple(conditions),
         methods=tuple(dict.fromkeys((*kept, *asked))),
         limit=options.limit if limit is None else limit,
         views=min(filter(None, views)),

@@ -105,7 +105,9 @@ def draw_sheet(
     from PIL import Image, ImageDraw
 
     side = scale * size
-    wide, high = side + MARGIN, side + LABEL_HEIGHT + MARGIN
+    zoom = max(1, side // (2 * IMAGE_SIZE))  # letters grow with the tiles
+    above = zoom * LABEL_HEIGHT
+    wide, high = side + MARGIN, side + above + MARGIN
     page = Image.new("RGB", (MARGIN + columns * wide, MARGIN + -(-len(tiles) // columns) * high))
     draw = ImageDraw.Draw(page)
     draw.rectangle((0, 0, *page.size), "white")
@@ -114,22 +116,24 @@ def draw_sheet(
         row, column = divmod(i, columns)
         corners.append((MARGIN + column * wide, MARGIN + row * high))
     for tile, (left, top) in zip(tiles, corners, strict=True):
-        draw.text((left, top), shortened(tile.label, _LABEL_PX, side), INK, _font(_LABEL_PX))
+        label_px = zoom * _LABEL_PX
+        draw.text((left, top), shortened(tile.label, label_px, side), INK, _font(label_px))
         if isinstance(tile.images, str):
-            low = top + LABEL_HEIGHT
+            low = top + above
             draw.rectangle((left, low, left + side - 1, low + side - 1), PROBLEM_GROUND)
             inner = side - 2 * MARGIN
-            lines = wrapped(tile.images, PROBLEM_PX, inner)[: inner // PROBLEM_HEIGHT]
+            letters_px, step = zoom * PROBLEM_PX, zoom * PROBLEM_HEIGHT
+            lines = wrapped(tile.images, letters_px, inner)[: inner // step]
             for i, line in enumerate(lines):
-                at = (left + MARGIN, low + MARGIN + i * PROBLEM_HEIGHT)
-                draw.text(at, line, PROBLEM_INK, _font(PROBLEM_PX))
+                at = (left + MARGIN, low + MARGIN + i * step)
+                draw.text(at, line, PROBLEM_INK, _font(letters_px))
     counts = {len(tile.images) for tile in tiles if not isinstance(tile.images, str)}
     if len(counts) > 1:
         raise ValueError(f"tiles have {sorted(counts)} frames; give equally many")
     frames = np.repeat(np.asarray(page)[None], max(counts, default=1), axis=0)
     for tile, (left, top) in zip(tiles, corners, strict=True):
         if not isinstance(tile.images, str):
-            low = top + LABEL_HEIGHT
+            low = top + above
             nearest = np.arange(side) * tile.images.shape[1] // side
             frames[:, low : low + side, left : left + side] = tile.images[:, nearest][:, :, nearest]
     return frames

@@ -37,6 +37,14 @@ def test_tiles_are_as_large_as_asked_and_smaller_images_get_larger_pixels():
     assert (row[:, 2 * MARGIN + 6 : 2 * MARGIN + 12] == large[0, :, :, 0]).all()
 
 
+def test_labels_grow_with_large_tiles():
+    large = np.full((1, 512, 512, 3), 255, np.uint8)
+    (frame,) = draw_sheet([Tile("Mg", large)], 1, 1, size=512)
+    assert frame.shape == (512 + 2 * LABEL_HEIGHT + 2 * MARGIN, 512 + 2 * MARGIN, 3)
+    rows = (frame[MARGIN : MARGIN + 2 * LABEL_HEIGHT] < 255).any(axis=(1, 2))
+    assert rows.sum() > LABEL_HEIGHT  # higher than letters of the usual size can be
+
+
 def test_a_long_reason_stays_in_place_of_its_image():
     (frame,) = draw_sheet([Tile("", "stage: " + 500 * "points and holes "), Tile("", WHITE)], 2, 1)
     message = frame[TOP : TOP + 128, MARGIN:STEP]

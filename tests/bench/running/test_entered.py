@@ -248,7 +248,8 @@ def test_images_of_some_conditions_join_a_run(no_machine, exported, tree, comman
     monkeypatch.chdir(tree.parent)
     shutil.rmtree(tree / "2048")
     (tree / "512/chair/test-0000/00.png").unlink()
-    asked = ("--conditions", "2048,512", "--limit", 2, "--views", 3, "--workers", 1)
+    # The export has no clouds of 1024, so that nobody can have drawn them.
+    asked = ("--conditions", "2048,512,1024", "--limit", 2, "--views", 3, "--workers", 1)
     run = ("run", "--suite", "chair-robustness", "--methods", "splat", *asked, "--out", "base")
     assert command(*run)[0] == 0
     adding = ("add", f"images:{tree}", "base", "--workers", 1)
@@ -256,6 +257,7 @@ def test_images_of_some_conditions_join_a_run(no_machine, exported, tree, comman
     assert (status, "its export has other clouds or views than " in err) == (2, True), err
     status, out, err = command(*adding, "--dataset", f"exported:{exported}")
     assert (status, "3 failed" in err) == (0, True), err
+    assert "has no clouds of 1024, which are left out" in err
     assert "our-splat has 1 of 2 conditions: 512. Places and comparisons here are of " in out
     assert "our-splat at 512: 2 of 4 images, the others scored as blank." in out
     assert "the best there by ssim-object and lpips: splat\nour-splat against splat on 2 " in out
