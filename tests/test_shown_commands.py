@@ -33,9 +33,14 @@ GIVEN = {
     "folder:PATH": "folder:meshes",
     "DIR_A": "first",
     "DIR_B": "first",
+    "DIR": "own",
+    "IMAGES": "ours",
+    "TRUTH": "true",
 }
 FURTHER = {
-    "run --suite chair-robustness --dataset folder:PATH": f"{SMALL} --out own",
+    "run --suite own-meshes --dataset folder:PATH": (
+        f"{SMALL.replace('splat', 'splat,alpha-wrap')} --out own"
+    ),
     "run --suite chair-robustness --dataset exported:exported-chairs": f"{SMALL} --out of-export",
     "data export --dataset procedural --conditions all --out exported-chairs": (
         "--limit 1 --views 2 --workers 1"
@@ -105,6 +110,9 @@ def test_they_run(tmp_path, monkeypatch):
     Path("meshes/chair").mkdir(parents=True)
     for index, shape in enumerate(open_dataset("procedural").objects("chair", 2, 2)):
         write_obj(shape.load(), Path(f"meshes/chair/{index}.obj"))
+    for folder, grey in (("ours", 100), ("true", 200)):
+        Path(folder).mkdir()
+        Image.new("L", (64, 64), grey).save(f"{folder}/image.png")
     commands = [command for page in PAGES for command in shown(page)]
     assert len(commands) >= 20
     assert {*FURTHER} <= {*commands}, "what a page no longer shows"
