@@ -126,7 +126,6 @@ def _check_files(name: str) -> Passed:
 
 def check_loading(name: str) -> Passed:
     """Load the renderer."""
-    watch_files()
     start = time.perf_counter()
     renderer = _renderer(name)
     for function in ("prepare", "draw"):

@@ -18,6 +18,7 @@ from bench.catalogue.methods import Method
 from bench.catalogue.plugins import ImageMetric, SetMetric
 from bench.catalogue.suites import Limits
 from bench.check.contract import conditions, datasets, methods, metrics
+from bench.check.contract.files import watch_files
 from bench.check.contract.findings import ContractViolation, Finding
 from bench.check.contract.methods import LIMITS, apart
 from bench.check.contract.session import CheckStep, Passed, Report, perform
@@ -94,6 +95,7 @@ KINDS: Mapping[type, Kind] = {
 
 
 def _kind(name: str) -> Kind:
+    watch_files()  # before the module is loaded, which may read files
     return KINDS[kind_of(find_target(name))]
 
 
