@@ -54,13 +54,17 @@ def measure_surfaces(directory: Path, methods: Sequence[str], workers: int) -> l
     with locked_run(directory):
         rows = _kept(directory)
         missing = [job for job in jobs if rows.get(job.name, {}).get("key") != job.key]
+        without = len([row for row in rows.values() if row["note"]])  # jobs without a mesh
         pool = TaskPool(_measured, workers, run.suite.limits, group=_foreign_method)
         try:
             with progress("meshes", len(missing)) as advance, closing(pool):
                 for job, scores in submit_all(missing, pool):
                     failed = isinstance(scores, WorkerFailure)
-                    rows[job.name] = _row(job, {"note": scores.reason} if failed else scores)
-                    advance(sum(row["note"] != "" for row in rows.values()))
+                    row = _row(job, {"note": scores.reason} if failed else scores)
+                    rows[job.name] = row
+                    if row["note"]:
+                        without += 1
+                    advance(without)
         finally:  # also where it is interrupted
             write_tables(directory, [Table(MESHES, "Meshes", pd.DataFrame(rows.values()))])
         meshes = pd.DataFrame([rows[job.name] for job in jobs])

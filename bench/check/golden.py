@@ -215,8 +215,11 @@ def _truth_once(
     for each in comparisons:
         cell = (each.method, each.condition, each.metric)
         follows = each.problem and each.metric != IMAGE_CHECKSUM and cell not in else_moved
-        following += bool(follows)
-        kept.append(replace(each, problem="") if follows else each)
+        if follows:
+            following += 1
+            kept.append(replace(each, problem=""))
+        else:
+            kept.append(each)
     line = (
         f"the true images, or the metrics: a white image has other values on {len(other)} objects, "
         f"{'/'.join(min(other))} among them. {following} lines that follow from it are left out"

@@ -195,7 +195,7 @@ def _tables(grid: Grid, label: str, title: str) -> Iterator[str]:
         caption, tag = f"{grid.caption}; {about}", label
         if len(parts) > 1:
             caption, tag = f"{caption}, part {number} of {len(parts)}", f"{label}-{number}"
-        columns = "l" * keys + "r" * (len(head) - keys)
+        columns = "".join("l" if number < keys else "r" for number in range(len(head)))
         yield "\n".join(
             [
                 r"\begin{table*}",

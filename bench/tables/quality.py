@@ -198,12 +198,12 @@ def headline(run: Run, metrics: Sequence[str] | None = None) -> Table:
         yield from all_methods(frame.assign(failures_as_blank=NAN), _HEADLINE_LEGEND)
 
     title = f"{' and '.join(suite.headline)}: {objects} of {planned} objects"
-    every = best_first(_with_chosen_rows(annotated(rows, manifest, {})))
+    every = in_headline_order(_with_chosen_rows(annotated(rows, manifest, {})))
     table = Table(HEADLINE_TABLE, title, every, layout, hidden=HIDDEN)
     return of_protocol(table, suite, manifest[PROTOCOL])
 
 
-def best_first(rows: pd.DataFrame) -> pd.DataFrame:
+def in_headline_order(rows: pd.DataFrame) -> pd.DataFrame:
     """Return rows, the best method by the first metric as printed first, references last."""
     if rows.empty:
         return rows

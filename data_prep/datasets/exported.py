@@ -46,8 +46,14 @@ COLUMNS = {
     OBJECTS: ("class", "object", "protocol", "seed", "dataset", "file", "sha256"),
     CLOUDS: ("class", "object", "condition", "points", "file", "sha256"),
     VIEWS: (
-        *("class", "object", "view", "azimuth_deg", "elevation_deg", "camera_to_world"),
-        *("file", "sha256"),
+        "class",
+        "object",
+        "view",
+        "azimuth_deg",
+        "elevation_deg",
+        "camera_to_world",
+        "file",
+        "sha256",
     ),
 }
 UNPERTURBED = "2048"  # the condition that leaves the cloud of an object as it is

@@ -15,7 +15,7 @@ from bench.report.build import read_page
 from bench.report.page import rendered
 from bench.report.run_figures import quality_frame
 from bench.tables.build import make_outputs
-from bench.tables.quality import best_first
+from bench.tables.quality import in_headline_order
 
 
 def row(method, metric, condition, value, **changes):
@@ -31,7 +31,7 @@ VALUES = {
 
 
 def table_of(*rows):
-    return compact_table(quality_frame(best_first(value_frame(rows))), {})
+    return compact_table(quality_frame(in_headline_order(value_frame(rows))), {})
 
 
 def test_the_best_stand_first_and_reference_methods_last():
