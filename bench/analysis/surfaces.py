@@ -55,10 +55,11 @@ def rank_rows(
 
     jobs  of the run, as `bench.analysis.run.Run` has them
 
-    It is positive where better surfaces have better images. Methods are ranked by their means,
-    classes counting alike; objects within each method, and the mean over methods is taken. Only
-    the `n_ok` of `n` objects count of which all methods have a mesh and images. Intervals are of a
-    bootstrap of the objects of each class.
+    It is positive where better surfaces have better images. Over "methods" their means are ranked,
+    classes counting alike. Over "objects" these are ranked within each method, and the
+    correlations are averaged over the methods. Of `n` objects `n_ok` are used: those with all
+    scores by all methods. Fewer than 3 methods give no rows, fewer than 8 objects no intervals;
+    these are of a bootstrap of the objects of each class.
     """
     for metric in image_metrics:
         name = column(metric)
@@ -97,7 +98,10 @@ def _resamples(classes: NDArray[Any]) -> Iterator[NDArray[np.intp]]:
 
 
 def _correlations(scores: Floats, classes: NDArray[Any]) -> Floats:
-    """Return the correlations [2, K, K] over methods and over objects of K scores [K, M, G]."""
+    """Return the rank correlations [2, K, K] of K metrics, over methods and over objects.
+
+    scores  [K, M methods, G objects]; where all are equal, correlations are NaN
+    """
     means = np.mean([scores[..., classes == n].mean(-1) for n in np.unique(classes)], axis=0)
     ranks = rankdata(scores, axis=2)
     ranks -= ranks.mean(axis=2, keepdims=True)

@@ -201,7 +201,12 @@ def _check_values(run: Run, widths: Widths) -> CheckResult:
 def _truth_once(
     comparisons: Sequence[GoldenComparison], moved: Sequence[GoldenDeviation]
 ) -> tuple[tuple[GoldenComparison, ...], tuple[str, ...]]:
-    """Return the comparisons without what follows from other true images, and a line on these."""
+    """Return the comparisons, cleared of problems that other true images make, and a line on these.
+
+    Other true images show where a white image and another method have moved on one object; else
+    there is no line. Checksums of images, and cells that moved on further objects, keep their
+    problems.
+    """
     # The values of white images, and those of other methods with them, differ where the truth does.
     other = {deviation.item.object for deviation in moved if deviation.item.method == FLOOR}
     if not {each.item.method for each in moved if each.item.object in other} - {FLOOR}:

@@ -132,9 +132,10 @@ def options_of(directory: Path, methods: Sequence[str], workers: int | None) -> 
 
 
 def with_export(options: Options, methods: Sequence[str]) -> Options:
-    """Return the options with the checksum of an export of their inputs, unless they are of one.
+    """Return the options with the checksum that an export of the run's inputs would have.
 
-    Raises BadInput where images among the methods were drawn of another export.
+    Where the dataset is itself an export, they are unchanged. Raises BadInput where images among
+    the methods were drawn of another export than the run's inputs would give.
     """
     from bench.running.export import checksum_of_inputs
 

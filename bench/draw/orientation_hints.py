@@ -24,8 +24,8 @@ _SYMMETRIC, _ASYMMETRIC = 1.2, 3.0
 # lowest one, and at least the share _LEAST of all points. It would tip over where its centroid is
 # not above the convex hull of that part, and stands firmly where its centroid is farther inside of
 # the hull than _FIRM of the extent. Chosen on the same shapes, with the same share of false hints.
-# Of the real ones turned so that z points up, both rules together recognise 38 % with the front at
-# -y, and 62 % with the front at x; of 512 points 35 and 41 %, with noise 3 to 22 %.
+# Of the real ones turned so that z points up, `looks_lying` recognises 38 % where the front is at
+# -y, and 62 % where it is at x; with 512 points 35 and 41 %, with noise 3 to 22 %.
 _LOWEST, _LEAST, _FIRM = 0.02, 0.05, 0.05
 # A centre that is so many radii from the origin along x and y is an easting and a northing.
 _FAR_ON_A_MAP = 100
@@ -55,9 +55,9 @@ def lies_on_a_map(place: Placement) -> bool:
 def looks_lying(cloud: PointCloud) -> bool:
     """Return whether a cloud looks as if its z axis pointed up.
 
-    That is where it would tip over with y up and stands firmly with z up, or where it is symmetric
-    along y, but not along z: most objects are symmetric from left to right, and many from front to
-    back, but hardly any from top to bottom.
+    That is where it would tip over with y up and stands firmly with z up. It is also where it is
+    symmetric along y, but not along z: most objects are symmetric from left to right, and many from
+    front to back, but hardly any from top to bottom. A cloud of few points does not look so.
     """
     points = _finite(cloud)
     if len(points) < _FEWEST_HINTED:
@@ -74,8 +74,9 @@ def _only_z_is_stable(points: NDArray[np.float64]) -> bool:
 def _depth_of_centroid(points: NDArray[np.float64], up: int) -> float:
     """Return how far the centroid lies inside of the hull that the points stand on.
 
-    It is seen from above, as a share of the greatest extent; negative outside of the hull, and
-    where the lowest points lie on a line. `up` is the number of the axis that points up.
+    The distance is that in the plane seen from above, as a share of the greatest extent of the
+    cloud; negative outside of the hull, and where the lowest points lie on a line. `up` is the
+    number of the axis that points up.
     """
     from scipy.spatial import ConvexHull, QhullError
 

@@ -64,8 +64,8 @@ class Options:
     metrics: tuple[str, ...] | None = None  # further metrics, beside those of the suite
     # Whether `methods` are added to the run that the folder holds, as 'bench add' does.
     adds: bool = False
-    # The checksum that an export of the run's inputs has, where `bench add` has computed it. Images
-    # that others drew of such an export are then images of these inputs.
+    # The checksum that an export of the run's inputs would have, which `bench add` sets. Images
+    # drawn of an export with this checksum count as drawn of these inputs.
     export: str | None = None
 
     @property

@@ -225,7 +225,7 @@ def _row(texts: _Row) -> str:
 
 
 def _of_paper(row: str) -> str:
-    """Return a line of published values, moved up into the room below the intervals above it."""
+    """Return a row of published values nearer to the row above, whose intervals leave room."""
     return f"\\addlinespace[-{_CLOSER}pt]\n{row}\n\\addlinespace[{_CLOSER}pt]"
 
 
