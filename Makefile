@@ -4,7 +4,7 @@
 #   make docs                         docs/ as a site, in build/docs
 #   make wheel                         a file that pip installs, in dist/
 #   make release                       what a release needs: versions, numbers of the pages, wheel, tag
-#   make version VERSION=2.0.0         one version and the date of today wherever they stand
+#   make version VERSION=3.0.0         one version and the date of today wherever they stand
 #   make version ... URL=https://...   and where the release is published, for `bench cite`
 #   make bench ARGS="--limit 12"       further options for `bench run`
 #   make bench PIP_ARGS="..."          further options for pip, an index of CPU-only torch say
@@ -75,7 +75,7 @@ release: install
 	sed -n 's/^version = "\(.*\)"/v\1/p' pyproject.toml | xargs -I TAG git tag --annotate --message TAG TAG
 
 version:
-	@test -n "$(VERSION)" || { echo "give the version: make version VERSION=2.0.0" >&2; exit 2; }
+	@test -n "$(VERSION)" || { echo "give the version: make version VERSION=3.0.0" >&2; exit 2; }
 	sed -i 's/^version = .*/version = "$(VERSION)"/' pyproject.toml
 	sed -i -E 's/^( *version:) .*/\1 $(VERSION)/; s/^(date-released:) .*/\1 $(DATE)/' CITATION.cff
 	sed -i -E 's/^(  year:) .*/\1 $(firstword $(subst -, ,$(DATE)))/' CITATION.cff

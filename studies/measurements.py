@@ -8,6 +8,7 @@ The second command carries out a run, or continues the one in DIR, and writes in
 NAME.csv              the values in the run's tables of quality
 NAME-differences.csv  comparisons of networks with the best classical method, object by object, as
                       `bench compare` makes them
+NAME-rivals.csv       the same with `fused-net@grey` in place of the best classical method
 further files         other tables of the run that pages quote
 measured.csv          date, commit and processor of every run
 
@@ -59,10 +60,11 @@ CLAIMS_FILE = "claims.md"
 _CLASSES = "--suite thirteen-classes"
 _REAL = f"{_CLASSES} --dataset folder:PATH"
 _ON_MESHES = f"{_REAL} --conditions 2048,512,noise-0.05,noise-0.10 --views 4"
+BEST_LEARNED = "fused-net@grey"
 _CLASSICAL = "surface-apss,alpha-wrap,denoised-wrap,splat-fill"
 _ON_CHAIRS = f"{_CLASSICAL},pc2pix,splat-net@chair,fused-net,blank"
-GREY = "splat-net@grey,fused-net@grey"
-_COMPARED_IN_GREY = ("splat-net@grey", "fused-net@grey", "occupancy-net")
+GREY = f"splat-net@grey,{BEST_LEARNED}"
+_COMPARED_IN_GREY = ("splat-net@grey", BEST_LEARNED, "occupancy-net")
 _COMPARED_ON_CHAIRS = ("splat-net@chair", "fused-net", "pc2pix")
 
 
@@ -74,6 +76,7 @@ class QuotedRun(NamedTuple):
     metrics   of the file of values and of the comparisons; if there are none, all metrics of the
               run and the comparisons of FIRST
     copied    further tables of the run, each with the name of the file that it becomes
+    rivals    methods that `fused-net@grey` is compared with
     surfaces  whether `bench surface` measures the meshes of the run; no other values are written
     """
 
@@ -81,18 +84,15 @@ class QuotedRun(NamedTuple):
     compared: tuple[str, ...] = ()
     metrics: tuple[str, ...] = ()
     copied: tuple[tuple[str, str], ...] = ()
+    rivals: tuple[str, ...] = ()
     surfaces: bool = False
 
 
 MEASUREMENTS: Mapping[str, QuotedRun] = {
     "known-chairs": QuotedRun("--suite chair-robustness"),  # for the claims alone
-    "known-chairs-grey": QuotedRun(
-        f"--suite chair-robustness --truth grey --methods {_CLASSICAL},occupancy-net,pc2pix,"
-        f"pc2pix@all,{GREY},true-mesh,constant,blank",
-        _COMPARED_IN_GREY,
-    ),
+    "known-chairs-grey": QuotedRun("--suite chair-robustness --truth grey", _COMPARED_IN_GREY),
     "sealed": QuotedRun(
-        "--suite chair-robustness --dataset procedural:sealed --limit 100 --views 10 --methods "
+        "--suite chair-robustness --dataset procedural:sealed --limit 60 --views 10 --methods "
         f"{_CLASSICAL},pc2pix,pc2pix@acgan,splat-net@chair,fused-net,true-mesh,blank",
         _COMPARED_ON_CHAIRS,
     ),
@@ -113,16 +113,11 @@ MEASUREMENTS: Mapping[str, QuotedRun] = {
     ),
     "real-meshes-grey": QuotedRun(
         f"{_ON_MESHES} --truth grey --metrics invented-holes,invented-parts "
-        f"--methods {_CLASSICAL},occupancy-net,splat,pc2pix,pc2pix@all,{GREY},blank",
-        (*_COMPARED_IN_GREY, "pc2pix@all"),
+        f"--methods {_CLASSICAL},occupancy-net,upsampled-wrap,splat,pc2pix,pc2pix@all,{GREY},blank",
+        (*_COMPARED_IN_GREY, "upsampled-wrap", "pc2pix@all"),
         FIRST,
         (("tails", "real-meshes-grey-tails"),),
-    ),
-    "real-meshes-fused": QuotedRun(
-        f"{_ON_MESHES} --truth grey --metrics invented-holes,invented-parts "
-        "--methods denoised-wrap,upsampled-wrap,fused-net@grey",
-        metrics=FIRST,
-        copied=(("tails", "real-meshes-fused-tails"),),
+        rivals=("splat-net@grey", "occupancy-net", "upsampled-wrap"),
     ),
     "real-meshes-coloured": QuotedRun(
         f"{_REAL} --conditions 2048,noise-0.10 --views 4 --methods alpha-wrap,denoised-wrap,"
@@ -179,6 +174,11 @@ def differences_of(name: str) -> str:
     return f"{name}-differences.csv"
 
 
+def rivals_of(name: str) -> str:
+    """Return the name of the file of a measurement's comparisons with `fused-net@grey`."""
+    return f"{name}-rivals.csv"
+
+
 def values(run: Run, metrics: Iterable[str]) -> str:
     """Return the tables of quality of a run as the text of one CSV file.
 
@@ -211,14 +211,19 @@ def _averages(of_classes: pd.DataFrame, columns: list[str]) -> list[dict[str, st
     return averages
 
 
-def differences(directory: Path, methods: Iterable[str], metrics: Sequence[str] = FIRST) -> str:
-    """Return comparisons of methods with the best classical method as the text of one CSV file.
+def differences(
+    directory: Path,
+    methods: Iterable[str],
+    metrics: Sequence[str] = FIRST,
+    reference: str = BEST_CLASSICAL,
+) -> str:
+    """Return comparisons of methods with a reference method as the text of one CSV file.
 
     directory  of the run
     """
     rows: list[dict[str, str]] = []
     for method in methods:
-        pair = compare_methods(directory, (BEST_CLASSICAL, method), metrics)
+        pair = compare_methods(directory, (reference, method), metrics)
         for row in _rows(differences_table(pair).to_csv()):
             rows.append({name: text for name, text in row.items() if name not in _RUN_COLUMNS})
     return _written(rows)
@@ -287,9 +292,11 @@ def measure(
         texts[f"{name}.csv"] = values(read_run(out), measurement.metrics)
     if name == COSTS_RUN:
         write_whole(COSTS, costs(out).encode())
+    metrics = measurement.metrics or FIRST
     if measurement.compared:
-        metrics = measurement.metrics or FIRST
         texts[differences_of(name)] = differences(out, measurement.compared, metrics)
+    if measurement.rivals:
+        texts[rivals_of(name)] = differences(out, measurement.rivals, metrics, BEST_LEARNED)
     for table, file in measurement.copied:
         texts[f"{file}.csv"] = (out / TABLES / f"{table}.csv").read_text(encoding="utf-8")
     for file, text in texts.items():
