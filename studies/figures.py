@@ -1,11 +1,12 @@
 """The images of the pages: figures of the numbers in `results/docs`, and sheets of objects.
 
-    python -m studies.figures [NAME ...] [--meshes PATH] [-o docs]
+    python -m studies.figures [NAME ...] [--meshes PATH [--scan FILE]] [-o docs]
 
 Figures are drawn as those of a run; better is up or to the right. Sheets show what methods draw of
-objects. The sheets `answer`, `real-objects`, `dense-and-scanned` and `scans` need the folder of
-real meshes PATH (docs/datasets.md has its checksum), and are left out without it. All images are
-1,600 pixels wide, twice the width of a page, and can be read at a quarter of that.
+objects. The sheets `real-objects`, `dense-and-scanned` and `scans` need the folder of real meshes
+PATH (docs/datasets.md has its checksum), and are left out without it. `answer` needs a scan as
+well: FILE is potree/potree@1f37cd39:pointclouds/lion_takanawa.copc.laz. All images are 1,600 pixels
+wide, twice the width of a page, and can be read at a quarter of that.
 """
 
 from __future__ import annotations
@@ -35,6 +36,7 @@ from studies.sheets import (
     OF_FURTHER,
     REAL,
     SCANNED,
+    draw_answer,
     draw_coloured,
     draw_objects,
     draw_path,
@@ -174,7 +176,6 @@ _SHEETS = {
     "coloured": partial(draw_coloured, "chair", 2, COLOURED, _WIDTH_IN),
 }
 _OF_MESHES: Mapping[str, Callable[[Path], Figure]] = {
-    "answer": lambda meshes: draw_objects(meshes, ("bench", "chair"), ANSWER, _WIDTH_IN),
     "real-objects": lambda meshes: draw_objects(
         meshes, ("airplane", "cabinet", "chair", "lamp", "table"), REAL, _WIDTH_IN
     ),
@@ -185,15 +186,18 @@ _OF_MESHES: Mapping[str, Callable[[Path], Figure]] = {
 }
 
 
-def drawings(meshes: Path | None) -> dict[str, Callable[[], Figure]]:
+def drawings(meshes: Path | None, scan: Path | None) -> dict[str, Callable[[], Figure]]:
     """Return the functions that draw the images, by name.
 
     meshes  the folder of real meshes; None leaves out the sheets of these
+    scan    a coloured scan; None leaves out the sheet that shows it
     """
     every: dict[str, Callable[[], Figure]] = {**FIGURES, **_SHEETS}
     if meshes:
         for name, draw in _OF_MESHES.items():
             every[name] = partial(draw, meshes)
+        if scan:
+            every["answer"] = partial(draw_answer, meshes, scan, ANSWER, _WIDTH_IN)
     return every
 
 
@@ -202,13 +206,14 @@ def main() -> None:
     parser = argparse.ArgumentParser(description="Images of the pages.")
     parser.add_argument("names", nargs="*", metavar="NAME")
     parser.add_argument("--meshes", type=Path, help="the folder of real meshes")
+    parser.add_argument("--scan", type=Path, help="a coloured scan")
     parser.add_argument("-o", "--out", type=Path, default=Path("docs"))
     options = parser.parse_args()
-    draw = drawings(options.meshes)
+    draw = drawings(options.meshes, options.scan)
     if gone := [name for name in options.names if name not in draw]:
         parser.error(
-            f"{gone[0]}: no image has this name; give one of {', '.join(draw)}, or with --meshes "
-            f"PATH one of {', '.join(_OF_MESHES)}"
+            f"{gone[0]}: no image has this name; give one of {', '.join(draw)}, with --meshes PATH "
+            f"one of {', '.join(_OF_MESHES)}, or with --scan FILE besides answer"
         )
     for name in options.names or draw:
         save(draw[name](), options.out / f"{name}.png", dpi=DPI)

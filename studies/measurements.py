@@ -119,12 +119,6 @@ MEASUREMENTS: Mapping[str, QuotedRun] = {
         (("tails", "real-meshes-grey-tails"),),
         rivals=("splat-net@grey", "occupancy-net", "upsampled-wrap"),
     ),
-    "real-meshes-coloured": QuotedRun(
-        f"{_REAL} --conditions 2048,noise-0.10 --views 4 --methods alpha-wrap,denoised-wrap,"
-        "splat-fill,occupancy-net,pc2pix@all,splat-net,splat-net@grey,fused-net,blank",
-        ("splat-net", "splat-net@grey", "fused-net", "occupancy-net"),
-        FIRST,
-    ),
     "dense-and-scanned": QuotedRun(
         f"{_REAL} --limit 1 --truth grey --conditions 2048,8192,32768,three-views,one-side "
         f"--views 4 --methods surface-fit,splat,{_CLASSICAL},pc2pix@all,occupancy-net,"

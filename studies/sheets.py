@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterator, Mapping, Sequence
+from collections.abc import Iterable, Iterator, Mapping, Sequence
 from pathlib import Path
 from typing import TYPE_CHECKING
 
@@ -33,9 +33,12 @@ SMALL = 6.5  # size of the text, in points
 VIEW = View(azimuth_deg=30, elevation_deg=20)  # of all images of real meshes
 METRIC = "lpips"  # the metric by which `best-classical` is the best method
 CLEAN_AND_NOISY = {"2048": "clean", "noise-0.10": "noise 10 %"}  # of the rows of an object
+LOT = {"2048": "clean", "512": "sparse", "noise-0.10": "noisy"}  # of the objects drawn by lot
+PER_CONDITION = 2  # objects drawn by lot for each condition
+SCAN_VIEW_DEG = -60  # azimuth from which the coloured scan shows its front
 # The methods of each sheet, in the order of its columns.
 _NETWORKS = ("fused-net@grey", "splat-net@grey")
-ANSWER = (*_NETWORKS, BEST_CLASSICAL, "pc2pix")
+ANSWER = (*_NETWORKS, BEST_CLASSICAL, "surface-apss", "pc2pix@all")
 REAL = (*_NETWORKS, "occupancy-net", BEST_CLASSICAL)
 COLOURED = ("splat", "splat-fill", "alpha-wrap", "fused-net@grey")
 FURTHER = {
@@ -67,6 +70,32 @@ def draw_objects(
         shape = GreyObject(real.objects(name, 1, 1)[0])
         for condition, title in conditions.items():
             rows.append((f"{name}\n{title}", _row(shape, condition, methods)))
+    titles = ["truth", "cloud", *methods]
+    return image_sheet(titles, rows, width_in=width_in, fontsize=SMALL, interpolation="antialiased")
+
+
+def draw_answer(meshes: Path, scan: Path, methods: Sequence[str], width_in: float) -> Figure:
+    """Return a sheet of real meshes drawn by lot, and of a scan in its colours, by each method.
+
+    meshes    the folder of real meshes
+    scan      a file of points with colours whose up is +Z
+    width_in  width of the sheet, in inches
+    """
+    real = open_dataset(f"folder:{meshes}")
+    objects = [obj for name in real.classes for obj in real.objects(name, None, 1)]
+    size = len(LOT) * PER_CONDITION
+    drawn = iter(generator("answer").choice(len(objects), size, replace=False))
+    rows: list[tuple[str, Iterable[Image | str]]] = []
+    for condition, title in LOT.items():
+        for _ in range(PER_CONDITION):
+            shape = objects[next(drawn)]
+            rows.append((f"{shape.class_name}\n{title}", _row(GreyObject(shape), condition, methods)))
+    images: list[Image | str] = ["no truth"]
+    for method in ("splat", *methods):
+        chosen = CHOSEN.get(method)
+        draws = chosen.ranking[METRIC, "2048"][0] if chosen else method
+        images.append(draw_cloud(scan, SCAN_VIEW_DEG, method=draws, up="z"))
+    rows.append(("coloured\nscan", images))
     titles = ["truth", "cloud", *methods]
     return image_sheet(titles, rows, width_in=width_in, fontsize=SMALL, interpolation="antialiased")
 
