@@ -11,7 +11,7 @@ from bench.catalogue.lookup import family_of
 from bench.catalogue.methods import search_folder
 from bench.check.contract.findings import Finding, is_blocked, summary
 from bench.tables.markdown import visible
-from data_prep.datasets.registry import is_dataset
+from data_prep.datasets.registry import OUR_KINDS, is_dataset, open_dataset
 from data_prep.plugins import announced
 
 
@@ -35,6 +35,8 @@ def test(
 
     if ":" in family_of(name) and not is_dataset(name):  # the form MODULE:NAME
         search_folder()
+    if name.partition(":")[0] in OUR_KINDS:
+        open_dataset(name)  # what cannot be opened is refused in one line, not in one for each step
     findings = printed(plugin_findings(name))
     if is_blocked(findings):
         print(summary(findings, f"fix what is marked FAIL, then bench test {name}"))

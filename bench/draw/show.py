@@ -10,6 +10,7 @@ from numpy.typing import ArrayLike
 
 from bench.draw.cloud import warn
 from bench.draw.points import loaded_cloud
+from bench.records.folder import read_manifest
 from bench.report.build import REPORT
 from bench.report.look import cloud_entry
 from bench.report.page import rendered
@@ -60,13 +61,14 @@ def show(
     Raises
     ------
     data_prep.failures.BadInput
-        If there are no points, or the folder has no report.
+        If there are no points, or the folder is no run of this protocol or has no report.
 
     Examples
     --------
     >>> bench.show(points).save("cloud.html")
     """
     if isinstance(points, str | Path) and Path(points).is_dir():
+        read_manifest(Path(points))  # refuses what is no run, and runs of another protocol
         report = Path(points) / REPORT
         if not report.is_file():
             raise BadInput(f"{report}: is not there; 'bench report {points}' writes it")

@@ -131,7 +131,7 @@ class ImageTree:
         for name, count in drawn.items():
             if count > views[name]:
                 return f"{shown(name)} has {count} images, and {views[name]} views in the run"
-        return "the images are of other clouds or views, of another --seed perhaps"
+        return "the images are of other clouds or views, perhaps of another --seed or protocol"
 
     def unused(self, objects: Iterable[SceneObject], conditions: Collection[str]) -> str:
         """Return a line about folders and arrays that a run with these objects does not read.

@@ -304,7 +304,7 @@ def load_manifest(path: Path, where: Path | None = None, remedy: str = "") -> di
     if PROTOCOL in manifest:
         again = remedy or "run again with another --out or --fresh"
         refuse_other_version(where, manifest[PROTOCOL], again)
-    if schema < SCHEMA_VERSION or PROTOCOL not in manifest:
+    if schema < SCHEMA_VERSION:
         raise BadInput(
             f"{where}: a run of version 1.0.0 or earlier (schema {schema}, this one reads "
             f"{SCHEMA_VERSION}), which this one does not read; "

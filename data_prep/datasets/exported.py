@@ -169,6 +169,8 @@ def exported_dataset(spec: str, root: Path) -> Dataset:
     outside the folder, for an object without clouds or images, for another protocol, and for
     objects of several seeds.
     """
+    # First, because the other lists of an export of another protocol may have other columns.
+    objects = [*_rows(root, OBJECTS)]
     clouds: dict[tuple[str, str], list[tuple[str, StoredFile]]] = {}
     images: dict[tuple[str, str], list[tuple[View, StoredFile]]] = {}
     for where, name, row in _rows(root, CLOUDS):
@@ -190,7 +192,7 @@ def exported_dataset(spec: str, root: Path) -> Dataset:
         object_images.append((view, _file(root, row, where)))
     listing = DatasetListing()
     seed = None
-    for where, name, row in _rows(root, OBJECTS):
+    for where, name, row in objects:
         seed = row["seed"] if seed is None else seed
         if row["seed"] != seed or not seed.isdecimal():
             raise BadInput(

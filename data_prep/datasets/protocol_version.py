@@ -27,13 +27,15 @@ def refuse_other_version(
     """Raise BadInput where something is of another version of the protocol than this code.
 
     The message names `where`, a folder or file, and `instead`, the remedy beside the use of the
-    release that fits.
+    release that fits. What is no whole number is refused as well: null, true, "4" and 4.0.
     """
+    if type(version) is not int:
+        raise BadInput(f"{where}: its protocol is {version!r:.40}, no whole number; {instead}")
     if version == PROTOCOL_VERSION:
         return
-    newer = isinstance(version, int) and version > PROTOCOL_VERSION
+    newer = version > PROTOCOL_VERSION
     release = "update pc2pix-bench" if newer else "check out the release that made it"
     raise BadInput(
-        f"{where}: of protocol {version!r}, this version has protocol {PROTOCOL_VERSION} "
+        f"{where}: of protocol {version!r:.40}, this version has protocol {PROTOCOL_VERSION} "
         f"('bench --protocol'); {release}, or {instead}"
     )

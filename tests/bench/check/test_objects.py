@@ -400,7 +400,9 @@ OLDER = PROTOCOL_VERSION - 1
         ("-objects.csv", Path.unlink, "are damaged"),
         ("-objects.json", Path.unlink, "are damaged"),
         ("-objects.json", lambda p: restate(p, views=3), "of another protocol than the golden val"),
-        (".csv", lambda p: reprotocol(p, None), "of protocol None, this version has protocol"),
+        (".csv", lambda p: reprotocol(p, None), "its protocol is None, no whole number; write it"),
+        (".csv", lambda p: reprotocol(p, "x"), "its protocol is 'x', no whole number; write it"),
+        (".csv", lambda p: reprotocol(p, f"{PROTOCOL_VERSION}.0"), ".0, no whole number; write it"),
         (".csv", lambda p: reprotocol(p, OLDER), f"of protocol {OLDER}, this version has protocol"),
     ],
 )

@@ -14,12 +14,14 @@ import pytest
 import torch
 from safetensors.torch import save_file
 
+import bench
 from bench.catalogue.methods import ALLOWED
 from bench.metrics import inception_weights
 from bench.records.folder import set_aside, write_manifest
 from bench.records.store import STORE
 from bench.running.options import Options
 from data_prep.datasets.protocol_version import PROTOCOL_VERSION
+from data_prep.failures import BadInput
 from data_prep.files.checksums import file_sha256
 from learning.weights import FILES as WEIGHTS
 
@@ -28,6 +30,8 @@ from .refused_rendering import CAMERAS, RENDERING
 
 OLDER, NEWER = PROTOCOL_VERSION - 1, PROTOCOL_VERSION + 1
 OTHER_VERSIONS = (*range(1, PROTOCOL_VERSION), NEWER)
+# What stands in place of a version of the protocol, by the name of its files here.
+NO_VERSIONS = {"null": None, "true": True, "text": f"'{OLDER}'", "float": float(PROTOCOL_VERSION)}
 ROBUSTNESS = "run --suite chair-robustness"
 GOLDEN = ("method,condition,class,object,ssim,images", "splat,2048,chair,a,0.5,")
 REMAINING = ("splat,512,chair,a", "splat,2048,chair,b", "blank,any,chair,a", "blank,any,chair,b")
@@ -46,13 +50,15 @@ def golden_text(lines=GOLDEN, version=PROTOCOL_VERSION, **fields):
 def export_texts(folder, version):
     """Return the lists of an export of one chair, by the path of the file."""
     chair, stored = "chair,test-0000", "a,0"
+    # Exports of protocols before the present one have no matrices of the camera.
+    matrix = "" if version in range(1, PROTOCOL_VERSION) else ",camera_to_world"
     return {
         f"{folder}/objects.csv": "class,object,protocol,seed,dataset,file,sha256\n"
         f"{chair},{version},0,procedural,,\n",
         f"{folder}/clouds.csv": "class,object,condition,points,file,sha256\n"
         f"{chair},2048,9,{stored}\n",
-        f"{folder}/views.csv": "class,object,view,azimuth_deg,elevation_deg,"
-        f"camera_to_world,file,sha256\n{chair},0,0,0,,{stored}\n",
+        f"{folder}/views.csv": f"class,object,view,azimuth_deg,elevation_deg{matrix},file,sha256\n"
+        f"{chair},0,0,0,{matrix[:1]}{stored}\n",
         f"{folder}/croissant.json": '{"distribution": []}',
     }
 
@@ -85,7 +91,12 @@ FILES = {
     "empty-protocol.json": golden_text(protocol={}),
     "no-environment.json": golden_text(environment=None),
     **{f"golden-{version}.json": golden_text(version=version) for version in OTHER_VERSIONS},
-    **{k: v for n in OTHER_VERSIONS for k, v in export_texts(f"exports/protocol-{n}", n).items()},
+    **{f"golden-{name}.json": golden_text(version=value) for name, value in NO_VERSIONS.items()},
+    **{
+        path: text
+        for version in (*OTHER_VERSIONS, *NO_VERSIONS.values())
+        for path, text in export_texts(f"exports/protocol-{version}", version).items()
+    },
     "meshes/sofa/one.obj": "",
     "thesis/chapter1.tex": "",
     "cloud.xyz": "0 0 0\n1 0 0\n",
@@ -116,12 +127,14 @@ MANIFESTS = {
     "no-request": {"request": None},
     "protocol-0": repeated(0, 1, protocol=0),
     "schema-4": repeated(0, 1, schema_version=4),
+    **{f"of-{name}": repeated(0, 1, protocol=value) for name, value in NO_VERSIONS.items()},
     "others": repeated(0, 2),
     "module": repeated(0, 1, methods=["foreign:METHOD"]),
     "true": repeated(0, 1, request=REQUEST | {"limit": True}),
     "grey": repeated(0, 1, request=REQUEST | {"truth": "gray"}),
 }
 OTHERS = "finish it with its command, bring its dataset back as it was, or give another --limit"
+NO_VERSION = "its protocol is {!r}, no whole number; "
 SPREAD = "spread must be a number from 0.1 to 10, not"
 CASES: dict[str, str] = {
     # --- words of the command line
@@ -351,7 +364,7 @@ CASES |= {
         }.items()
     },
     "check run --golden return.json": "return.json: no golden values by object (new-line character",
-    "check run --golden empty-protocol.json": "empty-protocol.json: of protocol None, this version",
+    "check run --golden empty-protocol.json": f"empty-protocol.json: {NO_VERSION.format(None)}",
     "check run --golden cloud.xyz --format junit": f"cloud.xyz: {NO_GOLDEN}",
     "check run --bless meshes": "meshes: a folder; give the name of a file, such as golden.json",
     "check run --bless a.json --golden b.json": "--bless: writes golden values; leave out --go",
@@ -385,7 +398,7 @@ OF_OTHER_PROTOCOLS = {  # command lines on what is of protocol N, and the remedy
             *("check run-N --claims", "check run run-N --claims"),
             "check run-N --golden golden-N.json",
             *("compare run run-N", "compare run-N run", "compare run-N run-N"),
-            *("compare run-N --methods splat,blank", "score run-N --metrics flip"),
+            *("compare run-N --methods splat,blank", "score run-N --metrics flip", "surface run-N"),
             *("add splat run-N", "add splat run-N --dataset procedural"),
             *(f"{ROBUSTNESS} --methods splat --out run-N", f"{ROBUSTNESS} --dry-run --out run-N"),
             *(f"run --suite {suite} --out run-N" for suite in ("stability", "speed", "latent")),
@@ -398,6 +411,7 @@ OF_OTHER_PROTOCOLS = {  # command lines on what is of protocol N, and the remedy
     "add splat others --dataset exported:exports/protocol-N": "or export it again",
     "data inspect exports/protocol-N": "or export it again",
     "data verify exports/protocol-N": "or export it again",
+    "test exported:exports/protocol-N": "or export it again",
     "check run --golden golden-N.json": "or write it again with 'bench check DIR --bless golden-N.",
 }
 for other in OTHER_VERSIONS:
@@ -406,6 +420,16 @@ for other in OTHER_VERSIONS:
     CASES |= {
         line.replace("-N", f"-{other}"): f"{told}); {release}, {remedy}".replace("-N", f"-{other}")
         for line, remedy in OF_OTHER_PROTOCOLS.items()
+    }
+for name, value in NO_VERSIONS.items():
+    says = NO_VERSION.format(value)
+    export = f"exports/protocol-{value}"
+    CASES |= {
+        **{f"{command} of-{name}": f"{says}{AGAIN}" for command in ("table", "check", "report")},
+        f"run --config of-{name}/manifest.json": f"{says}give the manifest.json of another run",
+        f"check run --golden golden-{name}.json": f"{says}write it again with 'bench check DIR ",
+        f'data verify "{export}"': f"{NO_VERSION.format(str(value))}export it again",
+        f'{ROBUSTNESS} --dataset "exported:{export}"': "no whole number; export it again",
     }
 OF_1 = (
     "version 1.0.0 or earlier (schema {}, this one reads 5), which this one does not read; start it"
@@ -424,7 +448,11 @@ PARTS: dict[str, tuple[str, dict | None, str | None]] = {
         "",
     ),
     "schema-4-run": (OF_1.format(4), {"schema_version": 4}, ""),
-    "no-protocol": (OF_1.format(5), {"protocol": None}, ""),
+    "no-protocol": (
+        "not a manifest (no protocol); move it away and run again",
+        {"protocol": None},
+        "",
+    ),
     "no-names": (f"not a manifest (no {', '.join(NAMES)}); move", dict.fromkeys(NAMES), ""),
     "no-store": ("no finished jobs in run.sqlite; the run is not finished, start it", {}, None),
     "store-1": ("a store of version 2.0.0 or earlier, which this one does not read", {}, STORE_1),
@@ -517,6 +545,12 @@ def test_bundled_weights_that_were_altered(refused_here, folder, monkeypatch):
 def test_fresh_renames_a_run_of_another_protocol(tmp_path):
     write_manifest(tmp_path, make_manifest(protocol=OLDER))
     assert set_aside(tmp_path) == tmp_path.with_name(f"{tmp_path.name}.old-1")
+
+
+@pytest.mark.parametrize("version", OTHER_VERSIONS)
+def test_the_report_of_a_run_of_another_protocol_is_not_shown(folder, version):
+    with pytest.raises(BadInput, match=rf"run-{version}: of protocol {version}, .*; .* or run ag"):
+        bench.show(folder / f"run-{version}")
 
 
 DOWNLOAD = "--inception-weights download"
