@@ -144,7 +144,8 @@ def test_a_run_that_cannot_use_a_tree_is_refused(no_machine, exported, tree, tmp
     shutil.rmtree(foreign / "2048/chair/test-0001")
     shutil.rmtree(foreign / "512")
     assert (
-        "): the images are of other clouds or views, of another --seed perhaps; draw" in differs()
+        "): the images are of other clouds or views, perhaps of another --seed or protocol; "
+        in differs()
     )
     shutil.copy(chair / "00.png", chair / "02.png")
     assert "'chair/test-0000' has 3 images, and 2 views in the run; draw" in differs()
