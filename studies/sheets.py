@@ -38,7 +38,7 @@ PER_CONDITION = 2  # objects drawn by lot for each condition
 SCAN_VIEW_DEG = -60  # azimuth from which the coloured scan shows its front
 # The methods of each sheet, in the order of its columns.
 _NETWORKS = ("fused-net@grey", "splat-net@grey")
-ANSWER = (*_NETWORKS, BEST_CLASSICAL, "surface-apss", "pc2pix@all")
+ANSWER = (*_NETWORKS, "occupancy-net", BEST_CLASSICAL, "pc2pix@all")
 REAL = (*_NETWORKS, "occupancy-net", BEST_CLASSICAL)
 COLOURED = ("splat", "splat-fill", "alpha-wrap", "fused-net@grey")
 FURTHER = {
@@ -89,7 +89,9 @@ def draw_answer(meshes: Path, scan: Path, methods: Sequence[str], width_in: floa
     for condition, title in LOT.items():
         for _ in range(PER_CONDITION):
             shape = objects[next(drawn)]
-            rows.append((f"{shape.class_name}\n{title}", _row(GreyObject(shape), condition, methods)))
+            rows.append(
+                (f"{shape.class_name}\n{title}", _row(GreyObject(shape), condition, methods))
+            )
     images: list[Image | str] = ["no truth"]
     for method in ("splat", *methods):
         chosen = CHOSEN.get(method)
@@ -97,7 +99,10 @@ def draw_answer(meshes: Path, scan: Path, methods: Sequence[str], width_in: floa
         images.append(draw_cloud(scan, SCAN_VIEW_DEG, method=draws, up="z"))
     rows.append(("coloured\nscan", images))
     titles = ["truth", "cloud", *methods]
-    return image_sheet(titles, rows, width_in=width_in, fontsize=SMALL, interpolation="antialiased")
+    # Seven columns leave the name of a method less room than those of other sheets.
+    return image_sheet(
+        titles, rows, width_in=width_in, fontsize=SMALL - 1, interpolation="antialiased"
+    )
 
 
 def _row(shape: SceneObject, condition: str, methods: Sequence[str]) -> Iterator[Image]:

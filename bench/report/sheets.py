@@ -78,7 +78,8 @@ def image_sheet(
             axis.set(xticks=[], yticks=[])
             axis.spines[:].set_visible(False)
             if isinstance(image, str):
-                axis.text(0.5, 0.5, image, ha="center", va="center", transform=axis.transAxes)
+                middle = {"ha": "center", "va": "center", "transform": axis.transAxes}
+                axis.text(0.5, 0.5, image, fontsize=fontsize, **middle)
             else:
                 axis.imshow(image, interpolation=interpolation)
         for axis, caption in zip(axes[number], captions[number] if captions else (), strict=False):
