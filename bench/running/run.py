@@ -199,7 +199,9 @@ def run(
                 outputs = publish(directory, seconds)
             of_workers = shares(schedule.timing, workers * (time.perf_counter() - begun))
             if not keeps_tables:
-                manifest["stage_seconds"] = tenths(seconds)
+                # A run that goes on has also taken the time of its jobs before.
+                before = held.manifest.get("stage_seconds", {}).get("jobs", 0.0)
+                manifest["stage_seconds"] = tenths({**seconds, "jobs": before + seconds["jobs"]})
                 manifest["worker_shares"] = {n: round(share, 4) for n, share in of_workers.items()}
                 write_manifest(directory, manifest | {"finished": now()})
     return RunResult(

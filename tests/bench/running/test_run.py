@@ -152,6 +152,8 @@ def test_a_finished_run_is_not_done_again(finished, copied, same_machine, tiny_w
     assert file_bytes(copied / "tables") == file_bytes(finished[0] / "tables")
     pd.testing.assert_frame_equal(records(copied), records(finished[0]))  # times and all
     assert read_manifest(copied)["finished"]
+    spent, before = (read_manifest(run)["stage_seconds"]["jobs"] for run in (copied, finished[0]))
+    assert spent >= before > 1  # the time of the report; none of it was spent just now
 
 
 @pytest.mark.slow
