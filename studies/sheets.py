@@ -29,7 +29,7 @@ from studies.images import draw_all
 if TYPE_CHECKING:
     from matplotlib.figure import Figure
 
-SMALL = 6.5  # size of the text, in points
+SMALL = 6.0  # size of the text, in points
 VIEW = View(azimuth_deg=30, elevation_deg=20)  # of all images of real meshes
 METRIC = "lpips"  # the metric by which `best-classical` is the best method
 CLEAN_AND_NOISY = {"2048": "clean", "noise-0.10": "noise 10 %"}  # of the rows of an object
@@ -101,7 +101,7 @@ def draw_answer(meshes: Path, scan: Path, methods: Sequence[str], width_in: floa
     titles = ["truth", "cloud", *methods]
     # Seven columns leave the name of a method less room than those of other sheets.
     return image_sheet(
-        titles, rows, width_in=width_in, fontsize=SMALL - 1, interpolation="antialiased"
+        titles, rows, width_in=width_in, fontsize=SMALL - 0.5, interpolation="antialiased"
     )
 
 
