@@ -451,7 +451,7 @@ def _draw_costs(
 ) -> None:
     """Draw the points of all methods with their intervals, and join the settings of a method."""
     rivals = [point for point in points_of(points) if not role(point.method)]
-    axis.margins(x=0.1, y=0.08)
+    axis.margins(x=0.1, y=0.12)  # room for a name above the best point
     for family in ordered(family_of(point.method) for point in rivals):
         variants = [point for point in rivals if family_of(point.method) == family]
         if any(find_setting(point.method) for point in variants):
@@ -507,7 +507,8 @@ def _label_where_free(
             low, high = sorted((y, y2))
             taken.append(Bbox([(x, y - 1), (x2, y + 1)]))  # the level part of a step
             taken.append(Bbox([(x2 - 1, low), (x2 + 1, high)]))  # its upright part
-    for point in competing:
+    # The best methods choose first: those of the frontier, from its dear end.
+    for point in sorted(competing, key=lambda point: (point.verdict != "frontier", -point.cost)):
         if not _is_named(point.method, named):
             continue
         note = axis.annotate(
