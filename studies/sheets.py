@@ -83,21 +83,18 @@ def draw_answer(meshes: Path, scan: Path, methods: Sequence[str], width_in: floa
     """
     real = open_dataset(f"folder:{meshes}")
     objects = [obj for name in real.classes for obj in real.objects(name, None, 1)]
-    size = len(LOT) * PER_CONDITION
-    drawn = iter(generator("answer").choice(len(objects), size, replace=False))
+    conditions = [condition for condition in LOT for _ in range(PER_CONDITION)]
+    lot = generator("answer").choice(len(objects), len(conditions), replace=False)
     rows: list[tuple[str, Iterable[Image | str]]] = []
-    for condition, title in LOT.items():
-        for _ in range(PER_CONDITION):
-            shape = objects[next(drawn)]
-            rows.append(
-                (f"{shape.class_name}\n{title}", _row(GreyObject(shape), condition, methods))
-            )
-    images: list[Image | str] = ["no truth"]
+    for number, condition in zip(lot, conditions, strict=True):
+        shape = objects[number]
+        images = _row(GreyObject(shape), condition, methods)
+        rows.append((f"{shape.class_name}\n{LOT[condition]}", images))
+    of_scan: list[Image | str] = ["no truth"]
     for method in ("splat", *methods):
-        chosen = CHOSEN.get(method)
-        draws = chosen.ranking[METRIC, "2048"][0] if chosen else method
-        images.append(draw_cloud(scan, SCAN_VIEW_DEG, method=draws, up="z"))
-    rows.append(("coloured\nscan", images))
+        drawing = _best(method, "2048")
+        of_scan.append(draw_cloud(scan, SCAN_VIEW_DEG, method=drawing, up="z"))
+    rows.append(("coloured\nscan", of_scan))
     titles = ["truth", "cloud", *methods]
     # Seven columns leave the name of a method less room than those of other sheets.
     return image_sheet(
@@ -113,10 +110,13 @@ def _row(shape: SceneObject, condition: str, methods: Sequence[str]) -> Iterator
     yield shape.truth([VIEW])[0]
     yield draw_dots(cloud.points, [VIEW])[0]
     for method in methods:
-        chosen = CHOSEN.get(method)
-        if chosen:  # `best-classical` stands for the first of a ranking
-            method = chosen.ranking[METRIC, condition][0]
-        yield draw_all(load_renderer(method, "cpu"), [cloud], [[VIEW]])[0, 0]
+        yield draw_all(load_renderer(_best(method, condition), "cpu"), [cloud], [[VIEW]])[0, 0]
+
+
+def _best(method: str, condition: str) -> str:
+    """Return the method that draws: `best-classical` stands for the first of a ranking."""
+    chosen = CHOSEN.get(method)
+    return chosen.ranking[METRIC, condition][0] if chosen else method
 
 
 def draw_coloured(class_name: str, number: int, methods: Sequence[str], width_in: float) -> Figure:

@@ -39,7 +39,8 @@ def golden(name: str) -> pd.DataFrame:
             "with itself"
         )
     values = pd.read_csv(path, dtype={"condition": str}, keep_default_na=False)
-    for version in (values[PROTOCOL].unique().tolist() if PROTOCOL in values else ()) or [None]:
+    versions = values[PROTOCOL].unique().tolist() if PROTOCOL in values else []
+    for version in versions or [None]:  # a file without lines states none
         again = "write it with 'bench check DIR --bless results/golden'"
         refuse_other_version(path, version, again)
     return values

@@ -13,7 +13,7 @@ from bench.catalogue.chosen import BEST_CLASSICAL, measured_methods
 from bench.catalogue.methods import find_method
 from data_prep.datasets.protocol_version import PROTOCOL_VERSION
 from studies import measurements
-from studies.measurements import JUDGES, MEASUREMENTS, NUMBERS, differences_of
+from studies.measurements import JUDGES, MEASUREMENTS, NUMBERS, differences_of, rivals_of
 
 # The version whose values the current one keeps, but for those of thin parts (docs/protocol.md).
 SAME_BUT_FOR_THIN_PARTS = "3"
@@ -47,6 +47,9 @@ def test_files_are_of_this_protocol_and_of_the_methods_that_their_run_measures(n
     pairs = lines(NUMBERS / differences_of(name)) if MEASUREMENTS[name].compared else []
     assert {row["method_b"] for row in pairs} == set(MEASUREMENTS[name].compared)
     assert {row["method_a"] for row in pairs} <= {BEST_CLASSICAL}
+    rivals = lines(NUMBERS / rivals_of(name)) if MEASUREMENTS[name].rivals else []
+    assert {row["method_b"] for row in rivals} == set(MEASUREMENTS[name].rivals)
+    assert {row["method_a"] for row in rivals} <= {"fused-net@grey"}
 
 
 @pytest.mark.parametrize("name", [n for n, m in MEASUREMENTS.items() if m.metrics == JUDGES])
