@@ -18,11 +18,15 @@ from baselines.upsampler.network import Upsampler
 from baselines.upsampler.surroundings import places_around, surroundings
 from data_prep.arrays import Floats
 from data_prep.failures import StageFailure
+from data_prep.rendering.camera import CAMERA_DISTANCE
 from data_prep.scene import Points
 
 # Distance from the nearest point, in spacings, up to which places are moved. In training, places
 # were up to two spacings away along the surface, and a little above or below it.
 _NEAR = 2.5
+# Largest coordinate of a point of the surface, in scene units: twice the camera's distance. Weights
+# of little training may give any number, and at 1e7 alpha wrapping does not end.
+_FARTHEST = 2 * CAMERA_DISTANCE
 
 
 @dataclass(frozen=True, eq=False)
@@ -62,8 +66,15 @@ class LearnedSurface:
             self.encoded = network.encode(self.seen)
 
     def upsampled(self, count: int) -> Projected:
-        """Return `count` places around each point, [N * count, 3], moved onto the surface."""
-        return self.project(places_around(self.seen, count).cpu().numpy())
+        """Return `count` places around each point, [N * count, 3], moved onto the surface.
+
+        Raises StageFailure("up-sampling", ...) where one is not finite, or far away, afterwards.
+        """
+        moved = self.project(places_around(self.seen, count).cpu().numpy())
+        far = int((np.abs(moved.points) > _FARTHEST).any(axis=1).sum())
+        if far:
+            raise StageFailure("up-sampling", f"{far} of {len(moved.points)} points are far away")
+        return moved
 
     def project(self, places: Points | Floats) -> Projected:
         """Return places [Q, 3] moved onto the surface.

@@ -68,8 +68,8 @@ class UpsampledWrapRenderer(DrawsReconstruction):
         """Return the surface of a cloud; `rng` is not used, nor does the points' order matter.
 
         Raises StageFailure at the stage `input` (fewer than 11 different points are nearer than the
-        camera, or one is not finite), `up-sampling` (the network gives a place that is not finite)
-        or `alpha-wrap` (MeshLab refuses, or gives no face).
+        camera, or one is not finite), `up-sampling` (the network gives a place that is not finite,
+        or one far away) or `alpha-wrap` (MeshLab refuses, or gives no face).
         """
         del rng
         points, notes = used_points(cloud, NORMAL_NEIGHBOURS + 1, MOST_POINTS, "surfaces")

@@ -83,9 +83,14 @@ def test_lines_planes_and_clouds_far_apart_are_covered() -> None:
 
 def test_failures_have_names() -> None:
     class Broken(Upsampler):
+        factor = torch.nan
+
         def project(self, cloud, places, nearest):
             points, normals = super().project(cloud, places, nearest)
-            return points * torch.nan, normals
+            return points * self.factor, normals
+
+    far_away = Broken(SMALL)
+    far_away.factor = 1e7  # MeshLab would not end
 
     rng = np.random.default_rng(0)
     cases = (
@@ -93,6 +98,7 @@ def test_failures_have_names() -> None:
         (renderer(), rng.uniform(-1, 1, (10, 3)), "input", "10 points; surfaces need at least 11"),
         (renderer(), np.full((20, 3), np.nan), "input", "20 of 20 points are not finite"),
         (renderer(Broken(SMALL)), lattice_sphere(50), "up-sampling", "are not finite"),
+        (renderer(far_away), lattice_sphere(50), "up-sampling", "are far away"),
     )
     for method, points, stage, problem in cases:
         with pytest.raises(StageFailure) as failure:
