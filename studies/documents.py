@@ -33,9 +33,10 @@ A table whose columns have sources of their own names them one by one, in place 
     column=one_view;cost.csv;show:cost_ms;best-classical:alpha-wrap
     column=trained_on;catalogue -->
 
-A column has a head, a file, and pairs of fields and values. `best-classical:alpha-wrap` shows, in
-the row of best-classical, the value of another method. The file `catalogue` stands for what `bench
-list` knows of methods. Where such a column has no line for a row, a dash is shown.
+A column has a head, a file or several with commas, and pairs of fields and values.
+`best-classical:alpha-wrap` shows, in the row of best-classical, the value of another method. The
+file `catalogue` stands for what `bench list` knows of methods. Where such a column has no line for
+a row, a dash is shown.
 
 The study prints how many numbers of the pages are generated, are measured with date and commit, and
 are settings. It fails where a number has none of these origins (`studies.provenance`). With
@@ -99,7 +100,7 @@ class _DocumentColumn(NamedTuple):
     """A column of a table, with its source.
 
     head     its title
-    file     a CSV file, or CATALOGUE
+    file     CSV files, with commas, or CATALOGUE
     wanted   only lines of the file with these values of fields are used
     shown    the field that is shown as it is; "" for the value
     renamed  values of rows that are looked up under another value, with that value
@@ -250,7 +251,7 @@ def _cells(
         renamed.append({name: column.renamed.get(value, value) for name, value in row.items()})
     if column.file == CATALOGUE:
         return [find_method(row["method"]).trained_on or GAP for row in renamed]
-    lines = _read_lines([column.file], column.wanted, numbers)
+    lines = _read_lines(column.file.split(","), column.wanted, numbers)
     if column.gaps and not lines:
         raise ValueError(f"no line for the column '{column.head}'")
     verdicts = _read_lines(filter(None, column.marks.split(",")), column.marked, numbers)

@@ -15,7 +15,8 @@ again at any time. TREE is then a method of a run:
         --conditions 2048,512,noise-0.05,noise-0.10 --methods images:TREE,fused-net@grey --out RUN
 
 TREE/times.csv has the processor's time of each cloud, and the reason where a network failed. The
-second command writes `results/docs/others-weights.csv` from finished runs with such methods.
+second command writes, from finished runs with such methods, `results/docs/others-weights.csv`, and
+`others-weights-rivals.csv`, comparisons of `fused-net@grey` with the networks, object by object.
 """
 
 from __future__ import annotations
@@ -38,6 +39,7 @@ from PIL import Image
 from bench.analysis.paper import AVERAGE
 from bench.analysis.run import read_run
 from bench.entered.claims import CLAIMS, ENTERED, TREE
+from bench.records.folder import read_manifest
 from bench.running.environment import machine_info
 from bench.tables.table import csv_text
 from data_prep.datasets.exported import ExportedObject, checksum_of
@@ -49,7 +51,7 @@ from data_prep.progress import log, progress
 from data_prep.randomness import generator
 from data_prep.rendering.mesh import draw_mesh
 from studies.documents import NUMBERS
-from studies.measurements import values
+from studies.measurements import BEST_LEARNED, FIRST, differences, rivals_of, values
 from studies.others_networks import NETWORKS, Network, Surface, surface_of
 
 CONDITIONS = "2048,512,noise-0.05,noise-0.10"
@@ -59,7 +61,7 @@ ADDRESS = "https://github.com"
 TIMES = "times.csv"
 Key = tuple[str, str, str]  # condition, class and object
 _COLUMNS = ("condition", "class", "object", "cpu_s", "failure")
-_VALUES = ("method", "condition", "metric", "value", "ci_low", "ci_high")
+_VALUES = ("method", "condition", "class", "metric", "value", "ci_low", "ci_high", "n")
 
 
 def check_repository(network: Network, folder: Path) -> None:
@@ -210,6 +212,16 @@ def table(directories: Iterable[Path]) -> str:
     return csv_text(list(rows[0]), (row.values() for row in rows))
 
 
+def comparisons(directories: Iterable[Path]) -> str:
+    """Return comparisons of the networks in runs with `fused-net@grey` as a CSV text."""
+    rows: list[dict[str, str]] = []
+    for directory in directories:
+        networks = read_manifest(directory).get(ENTERED, {})
+        compared = differences(directory, networks, FIRST, BEST_LEARNED)
+        rows += csv.DictReader(io.StringIO(compared))
+    return csv_text(list(rows[0]), (row.values() for row in rows))
+
+
 def main() -> None:
     """Draw with a network, or write the table."""
     assert __doc__
@@ -226,6 +238,7 @@ def main() -> None:
     try:
         if given.name == "table":
             write_whole(NUMBERS / "others-weights.csv", table(given.run).encode())
+            write_whole(NUMBERS / rivals_of("others-weights"), comparisons(given.run).encode())
         else:
             export = exported(given.meshes, given.out)
             clouds = wanted(export, given.conditions, given.limit)

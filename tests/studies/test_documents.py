@@ -79,6 +79,15 @@ def test_pages_are_what_the_numbers_say(path):
     assert filled(text, str(path.relative_to(REPOSITORY))) == text
 
 
+def test_a_column_takes_its_rows_from_several_files(numbers):
+    (numbers / "others.csv").write_text(
+        "method,condition,class,metric,value,ci_low,ci_high\npublished,2048,chair,ssim,0.85,,\n"
+    )
+    asked = "rows=method:splat,published best=yes column=a;values.csv,others.csv;condition:2048"
+    written = filled(page(f"{asked};metric:ssim"), "x.md", numbers)
+    assert "| splat | .812 [.801, .823] |\n| published | **.850** |\n" in written
+
+
 def test_the_best_of_each_column_of_values_is_bold(tmp_path):
     # The two best by ssim differ by less than its digits tell, and costs have no best.
     (tmp_path / "values.csv").write_text(
