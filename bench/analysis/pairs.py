@@ -5,7 +5,6 @@ from __future__ import annotations
 from collections.abc import Mapping, Sequence
 from collections.abc import Set as AbstractSet
 from dataclasses import dataclass
-from itertools import product
 from pathlib import Path
 
 import pandas as pd
@@ -119,7 +118,8 @@ def method_standing(run: Run, method: str, added: Sequence[str]) -> Standing:
             places[metric] = before[method] + 1, len(before)
         best = next((name for name in before if name not in added), FLOOR)
         best_by[best] = (*best_by.get(best, ()), metric)
-    if BEST_CLASSICAL in _chosen_rows(run, metrics):
+    chosen = _chosen_rows(run, metrics).get(BEST_CLASSICAL, {})
+    if any(condition in conditions for _, condition in chosen):
         best_by[BEST_CLASSICAL] = ()
     against = [
         (by, _two_methods(run, (best, method), None, conditions)) for best, by in best_by.items()
@@ -143,11 +143,17 @@ def _two_methods(
     rows = _compare(run, methods, chosen)
     if conditions is not None:
         rows = rows[rows["condition"].isin(conditions)]
+    named = [name for name in CHOSEN if name in chosen_rows and name in methods]
+    for name in named:
+        known = {condition for _, condition in chosen_rows[name]}
+        unknown = [at for at in rows["condition"].unique() if at not in known]
+        if unknown:
+            remarks.append(f"{', '.join(unknown)} left out: no `{name}` has been chosen there.")
+            rows = rows[rows["condition"].isin(known)]
     together = pooled(rows)
     parts = [rows] if together.empty else [rows, together]
     rows = pd.concat([two_methods(part.assign(run=folder), chosen, a, b) for part in parts])
-    named = chosen_rows.keys() & set(methods)
-    remarks += [CHOSEN[name].in_words(chosen_rows[name]) for name in CHOSEN if name in named]
+    remarks += [CHOSEN[name].in_words(chosen_rows[name]) for name in named]
     truth = TRUTHS[run.suite.truth]
     rows = rows.sort_values(
         "metric", key=lambda names: names.map(chosen.index), kind="stable", ignore_index=True
@@ -256,12 +262,20 @@ def _compare(
 def _chosen_rows(run: Run, metrics: Sequence[str]) -> dict[str, dict[MetricAtCondition, str]]:
     """Return the rows that choose a method, each as methods by metric and condition.
 
-    A row that has no method by one of the metrics under one of the conditions is left out.
+    Conditions under which a row has no method by one of the metrics are left out, and rows without
+    any other condition.
     """
-    conditions = run.manifest["conditions"]
-    chosen_by = [(metric, at) for metric, at in product(dict.fromkeys(metrics), conditions)]
-    rows = {name: row.best(chosen_by, run.manifest["methods"]) for name, row in CHOSEN.items()}
-    return {name: best for name, best in rows.items() if len(best) == len(chosen_by)}
+    rows = {}
+    for name, row in CHOSEN.items():
+        best: dict[MetricAtCondition, str] = {}
+        for condition in run.manifest["conditions"]:
+            chosen_by = [(metric, condition) for metric in dict.fromkeys(metrics)]
+            at_condition = row.best(chosen_by, run.manifest["methods"])
+            if len(at_condition) == len(chosen_by):
+                best |= at_condition
+        if best:
+            rows[name] = best
+    return rows
 
 
 def _metrics(scored: Sequence[Run], wanted: Sequence[str] | None, remarks: list[str]) -> list[str]:

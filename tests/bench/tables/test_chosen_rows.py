@@ -150,6 +150,22 @@ def test_it_is_compared_by_its_name(directory):
     assert values.loc[("lpips", "2048"), "images_of_a"] == "denoised-wrap"
 
 
+def test_conditions_without_a_choice_are_left_out_of_a_comparison(directory, monkeypatch):
+    only = {at: names for at, names in CHOICE.items() if at[1] == "2048"}
+    monkeypatch.setitem(CHOSEN, BEST_CLASSICAL, replace(CHOSEN[BEST_CLASSICAL], ranking=only))
+    found = compare_methods(directory, ["best-classical", "splat"], ["lpips"])
+    assert found.remarks == (
+        "512 left out: no `best-classical` has been chosen there.",
+        "`best-classical`, chosen on validation objects, is `denoised-wrap` at 2048.",
+    )
+    direct = compare_methods(directory, ["denoised-wrap", "splat"], ["lpips"]).rows
+    columns = ["condition", "value_a", "value_b", "difference"]
+    expected = direct.loc[direct["condition"] == "2048", columns]
+    assert found.rows[columns].values.tolist() == expected.values.tolist()
+    _, against = method_standing(read_run(directory), "splat", ["splat"]).against[-1]
+    assert (against.a, {*against.rows["condition"]}) == (BEST_CLASSICAL, {"2048"})
+
+
 def test_an_added_method_is_compared_with_the_best_by_each_metric(directory):
     """The comparisons are those of `bench compare`, with the same corrections."""
     images = read_records(directory, ["method", "ssim_object", "lpips"]).groupby("method").mean()
