@@ -15,8 +15,6 @@ from data_prep.datasets.protocol_version import PROTOCOL_VERSION
 from studies import measurements
 from studies.measurements import JUDGES, MEASUREMENTS, NUMBERS, differences_of, rivals_of
 
-# The version whose values the current one keeps, but for those of thin parts (docs/protocol.md).
-SAME_BUT_FOR_THIN_PARTS = "3"
 SMALL = measurements.QuotedRun(
     "--suite chair-robustness --methods alpha-wrap,splat,blank --conditions 2048 --limit 2 "
     "--views 2",
@@ -34,10 +32,7 @@ def lines(path: Path) -> list[dict[str, str]]:
 def test_files_are_of_this_protocol_and_of_the_methods_that_their_run_measures(name):
     options = MEASUREMENTS[name].options.split()
     rows = lines(NUMBERS / f"{name}.csv")
-    (protocol,) = {row["protocol"] for row in rows}
-    assert protocol in {SAME_BUT_FOR_THIN_PARTS, str(PROTOCOL_VERSION)}
-    if protocol == SAME_BUT_FOR_THIN_PARTS:
-        assert not {"thin-recall", "thin-precision"} & {row["metric"] for row in rows}
+    assert {row["protocol"] for row in rows} == {str(PROTOCOL_VERSION)}
     assert {row["suite"] for row in rows} == {options[options.index("--suite") + 1]}
     measured = {row["method"] for row in rows}
     if "--methods" in options:
