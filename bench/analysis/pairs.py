@@ -149,7 +149,6 @@ def _two_methods(
         unknown = [at for at in rows["condition"].unique() if at not in known]
         if unknown:
             remarks.append(f"{', '.join(unknown)} left out: no `{name}` has been chosen there.")
-            rows = rows[rows["condition"].isin(known)]
     together = pooled(rows)
     parts = [rows] if together.empty else [rows, together]
     rows = pd.concat([two_methods(part.assign(run=folder), chosen, a, b) for part in parts])
