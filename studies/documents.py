@@ -77,7 +77,7 @@ PAGES = (
 )
 BEGIN, END = "<!-- numbers:", "<!-- end -->"  # of the comments around a table
 CATALOGUE = "catalogue"  # stands in place of a file for what `bench list` knows
-GAP = "–"  # shown where a column has no line for a row
+GAP = "–"  # shown where a column has no line for a row, or the line no value
 # The field "ahead" of a comparison of methods a and b, in words about b, which is the row's method.
 VERDICTS: Mapping[str, str] = {
     "a": "worse",
@@ -334,10 +334,10 @@ def _cell(line: Line, shown: str, intervals: bool) -> str:
         return VERDICTS[line[shown]]
     if shown:
         without_zeros = re.sub(r"(\.\d*?)0+$", r"\1", line[shown])
-        return without_zeros.removesuffix(".") or "-"
+        return without_zeros.removesuffix(".") or GAP
     metric, method = line["metric"], measured_method(line)
     if not line["value"]:
-        return "-"
+        return GAP
     # Metrics of suites with tables of their own have no kind, and two significant digits.
     form = f".{decimals(metric, method)}f" if metric_facts(metric).kind else "#.2g"
     text = _short(line["value"], form)

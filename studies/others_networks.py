@@ -45,7 +45,7 @@ class Network:
     name        of the method whose images it draws
     repository  where it is from, on GitHub
     commit      of the repository
-    licence     of the repository; "none" where it states none
+    licence     of the repository; "not stated" where it states none
     trained_on  the objects that it has seen
     about       what is drawn
     folder      of its files of weights in the repository
@@ -352,7 +352,7 @@ NETWORKS = (
         "geoudf",
         "rsy6318/GeoUDF",
         "76858f5f076586c25efe59554d94fba3c8ef7ce2",
-        "none",
+        "not stated",
         "ShapeNet, 13 classes",
         "its mesh",
         "log_reconstruction_100.00_1.000_0.100",

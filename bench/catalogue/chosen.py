@@ -9,10 +9,7 @@ the best images of validation objects. The choice uses no test object.
 studies.measurements costs`, a run of the suite `speed`. A line has two times in milliseconds: that
 of preparing a new cloud of 2,048 points and drawing one view of it, and that of each further view
 which the same call draws. Both are medians over four chairs, in processor time on one thread. On a
-machine that does nothing else, processor time is the time by the clock. upsampled-wrap was measured
-on another machine, together with alpha-wrap: 988 and 179 ms for the first view, 5.08 and 2.49 ms
-for a further one. The times of upsampled-wrap in the file are those of alpha-wrap times these
-ratios.
+machine that does nothing else, processor time is the time by the clock.
 
 A method that draws in grey and was not trained on a single class has a score, too: the mean of
 `ssim` and 1 - `lpips` over 107 real meshes of 13 classes at 2,048 points, with true images in grey
@@ -51,7 +48,7 @@ COSTS = RANKINGS.with_name("costs.csv")  # the file of costs and scores that the
 COSTS_BY_POINTS = RANKINGS.with_name("costs-by-points.csv")
 MOST_MEASURED = 262_144  # the most points in that file; costs of more are extrapolated
 FEWEST_MEASURED = 2048  # the fewest points in that file, those of a cloud of the benchmark
-MEASURED_ON = "an AMD EPYC"  # the processor of these costs: family 25, model 17; on 2026-11-27
+MEASURED_ON = "an AMD EPYC"  # the processor of these costs: family 25, model 17; on 2026-11-30
 _UNITS_MS = {"ms": 1.0, "s": 1000.0}  # milliseconds in each unit that a budget may have
 _LEARNED_3D = ("occupancy-net",)  # the methods whose networks learned shapes in 3D, the best first
 

@@ -106,5 +106,5 @@ def test_the_best_of_each_column_of_values_is_bold(tmp_path):
     assert (
         "| splat | **.912** | .300 | 5.0 |\n"
         "| pc2pix | **.912** | **.020** | 18.0 |\n"
-        "| alpha-wrap | .800 | - | 110 |\n"
+        "| alpha-wrap | .800 | – | 110 |\n"
     ) in filled(page(asked), "x.md", tmp_path)

@@ -10,7 +10,7 @@ CAMERAS = {"camera.json": _CAMERA, "cameras.json": {"parameters": [_CAMERA] * 9}
 _BY_START = {
     "render cloud.xyz": {
         "--budget 50ms --method splat": "budget 50ms: it chooses the method, and splat is named",
-        "--budget 0.1ms": "budget 0.1ms: the cheapest method is splat with 3 ms for one image",
+        "--budget 0.1ms": "budget 0.1ms: the cheapest method is splat with ",
         "--budget 50": "budget 50: give a time over 0 with its unit, as in 50ms or 0.2s",
         "--colour invented --method surface-fit": "method 'surface-fit' draws in grey",
         "--colour invented --budget 50ms": "budget 50ms: the methods that it chooses",

@@ -261,8 +261,6 @@ CASES: dict[str, str] = {
         f"render cloud.xyz --budget='{text}'": "give a time over 0 with its unit, as in 50ms"
         for text in ("", "50", "ms", "0ms", "-5ms", "1e3ms", "5 ms", "infs", "1h")
     },
-    "render cloud.xyz --budget 2.8ms": "budget 2.8ms: the cheapest method is splat with 3 ms for "
-    "one image; give at least 3ms",
     f"{ROBUSTNESS} --workers 100000": "--workers 100000: too many processes; give at most 1024",
     # --- data, weights and folders of something else
     f"{ROBUSTNESS} --dataset folder:meshes": "folder:meshes: no class 'chair' (a sub-folder of tha",
