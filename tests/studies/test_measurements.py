@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import csv
 import io
+from itertools import product
 from pathlib import Path
 
 import pytest
@@ -11,6 +12,8 @@ import pytest
 from bench.analysis.paper import AVERAGE
 from bench.catalogue.chosen import BEST_CLASSICAL, measured_methods
 from bench.catalogue.methods import find_method
+from bench.catalogue.suites import STABILITY
+from bench.suites.stability.cases import CASES
 from data_prep.datasets.protocol_version import PROTOCOL_VERSION
 from studies import measurements
 from studies.measurements import JUDGES, MEASUREMENTS, NUMBERS, differences_of, rivals_of
@@ -45,6 +48,12 @@ def test_files_are_of_this_protocol_and_of_the_methods_that_their_run_measures(n
     rivals = lines(NUMBERS / rivals_of(name)) if MEASUREMENTS[name].rivals else []
     assert {row["method_b"] for row in rivals} == set(MEASUREMENTS[name].rivals)
     assert {row["method_a"] for row in rivals} <= {"fused-net@grey"}
+
+
+def test_no_method_of_the_suite_stability_has_an_unexpected_outcome():
+    kinds = {(row["subject"], row["case"]): row["kind"] for row in lines(NUMBERS / "stability.csv")}
+    assert kinds.keys() == {*product(STABILITY.methods, [case.id for case in CASES])}
+    assert {*kinds.values()} == {"holds", "refused", "differs", "contained"}
 
 
 @pytest.mark.parametrize("name", [n for n, m in MEASUREMENTS.items() if m.metrics == JUDGES])
