@@ -507,6 +507,10 @@ def _label_where_free(
             low, high = sorted((y, y2))
             taken.append(Bbox([(x, y - 1), (x2, y + 1)]))  # the level part of a step
             taken.append(Bbox([(x2 - 1, low), (x2 + 1, high)]))  # its upright part
+    for point in points_of(points):
+        if role(point.method) == "floor":  # its line goes from side to side
+            y = axis.transData.transform((point.cost, point.value))[1]
+            taken.append(Bbox([(axis.bbox.x0, y - 1), (axis.bbox.x1, y + 1)]))
     # The best methods choose first: those of the frontier, from its dear end.
     for point in sorted(competing, key=lambda point: (point.verdict != "frontier", -point.cost)):
         if not _is_named(point.method, named):

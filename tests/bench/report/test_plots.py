@@ -212,6 +212,19 @@ def test_a_parameter_is_a_line_and_the_frontier_a_step_to_the_edge():
     assert drawn.max() < 0.9  # the ceiling is not drawn
 
 
+@pytest.mark.parametrize("floor", [0.5, 0.52, 0.76, 0.82])
+def test_labels_cover_no_floor_and_no_other_label(floor):
+    shown = [point for point in placed() if point["method"] not in ("constant", "blank")]
+    estimates = {"quality": (floor,) * 3, "cost_ms": (1.0, 1.0, 1.0)}
+    axis = frontier_axis([*shown, place("blank", verdict="reference", **estimates)])
+    boxes = {label.get_text(): label.get_window_extent() for label in axis.texts}
+    assert {"splat", "pc2pix@acgan", "surface-apss"} <= boxes.keys()
+    height = axis.transData.transform((1, floor))[1]
+    for name, box in boxes.items():
+        assert not box.y0 < height < box.y1, name
+        assert box.count_overlaps(list(boxes.values())) == 1, name  # itself
+
+
 def test_what_is_below_a_white_image_is_hollow():
     below = place("splat", verdict="below a white image", quality=(0.5, 0.4, 0.6))
     axis = frontier_axis([*placed()[:8], below])
