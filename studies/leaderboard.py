@@ -118,7 +118,7 @@ def board(numbers: Path = NUMBERS, groups: Sequence[ResultGroup] = GROUPS) -> di
         methods,
         (
             f"Better, worse, not decided: against {BEST_CLASSICAL}, object by object, p below "
-            ".05 after Holm's correction. A failed image is scored as a blank one. "
+            ".05 after Bonferroni's correction. A failed image is scored as a blank one. "
             " Results has commands, dates and intervals.",
         ),
     )

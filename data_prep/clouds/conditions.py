@@ -12,7 +12,7 @@ Noise          The paper adds N(0, sigma) to a cloud in a sphere of radius 1. Th
                sigma to coordinates in [-0.5, 0.5], which doubles it in our units. `noise-0.05` and
                `noise-0.10` are the paper's; `noise-0.10` and `noise-0.20` have the code's sigmas.
 
-All others are ours. No network of this project has seen them in training: fewer points and more,
+All others are ours. Few networks of this project have seen any in training: fewer points and more,
 more noise, outliers, half an object, uneven density, and scans, which cast rays and stand in
 `data_prep.rendering.scanned`. The true image always shows the whole object. Points keep their
 colours, where clouds have some.
