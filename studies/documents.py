@@ -18,8 +18,8 @@ show=FIELD     Another field is shown in place of the value; `show=ahead` gives 
                comparison in words.
 best=yes       The best value of each column is set in bold, and all that round to it.
 marks=FILES    "better", "worse" or "not decided" stands before each value. It is the outcome, after
-               Bonferroni's correction, of the comparison of the row's method in these CSV files, at the
-               same metric, condition and class. A method without a comparison has no word.
+               Bonferroni's correction, of the comparison of the row's method in these CSV files, at
+               the same metric, condition and class. A method without a comparison has no word.
                `marks=FILE;class:all` looks at the comparisons of another class.
 
 Values are rounded as in the tables of runs (`bench.analysis.digits`); a value with fewer digits
