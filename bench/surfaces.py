@@ -74,14 +74,18 @@ def measure_surfaces(directory: Path, methods: Sequence[str], workers: int) -> l
 
 
 def _tables(meshes: pd.DataFrame, run: Run) -> list[Table]:
-    """Return the table of the scores of meshes, and that of their ranks beside those of images."""
-    ranks = rank_rows(meshes, run.jobs, run.headline)
+    """Return the table of the scores of meshes, and that of their ranks beside those of images.
+
+    The second one is left out where the methods are too few to be ranked.
+    """
     of_scores = partial(_grids, by=["metric"], line="method", remark=_SCORES)
-    of_ranks = partial(_grids, by=["over", "image_metric"], line="surface_metric", remark=_RANKS)
-    tables = (
-        Table("surface", "Surfaces against the true meshes", surface_rows(meshes), of_scores),
-        Table("surface_ranks", "Do surfaces predict images?", ranks, of_ranks),
-    )
+    rows = surface_rows(meshes)
+    tables = [Table("surface", "Surfaces against the true meshes", rows, of_scores)]
+    ranks = rank_rows(meshes, run.jobs, run.headline)
+    if len(ranks):
+        by = ["over", "image_metric"]
+        of_ranks = partial(_grids, by=by, line="surface_metric", remark=_RANKS)
+        tables.append(Table("surface_ranks", "Do surfaces predict images?", ranks, of_ranks))
     return [of_protocol(table, run.suite, run.manifest[PROTOCOL]) for table in tables]
 
 

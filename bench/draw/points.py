@@ -31,7 +31,7 @@ from bench.draw.shots import shots_of
 from bench.draw.thread import on_drawing_thread
 from bench.draw.value_colours import HEIGHT, WORDS, column_of, no_column, scale_of
 from bench.running.work import load_renderer
-from data_prep.clouds.normalise import placed_points, real_points
+from data_prep.clouds.normalise import numbers_in, placed_points, real_points, unmasked_rows
 from data_prep.clouds.orientations import upright
 from data_prep.failures import BadInput
 from data_prep.files.cloud_contents import (
@@ -187,7 +187,10 @@ def loaded_cloud(
                 "in its first line"
             )
         return _cloud_of_file(points, colour, **options)
-    loaded = _cloud_of_array(points, columns, colour=colour, colors=colors, **options)
+    table: Any = points
+    if hasattr(table, "to_pandas"):  # of Arrow or Polars: the names of its columns count
+        table = table.to_pandas()
+    loaded = _cloud_of_array(table, columns, colour=colour, colors=colors, **options)
     if colour == "file" and loaded.cloud.colors is None:
         raise BadInput('points: no colours of them; give colors=, or leave out "file"')
     return loaded
@@ -236,17 +239,14 @@ def _cloud_of_array(
 ) -> LoadedCloud:
     chosen, notes = _three_columns(points, columns)
     values = real_points(chosen)
-    numbers = _numbers_of_colour(points, colour, colors)
-    if colour == HEIGHT:
+    inks, numbers = None, _numbers_of_colour(points, colour, colors)
+    if numbers is not None:
+        numbers = numbers._replace(values=_of_points(numbers.values, chosen, len(values)))
+    elif colour == HEIGHT:
         numbers = _Numbers(HEIGHT, upright(values, up, front)[:, 1])
-    inks = None
-    if numbers is None and colour != "grey":
+    elif colour != "grey":
         inks = _colours_of_array(points, colors)
-    given = inks if numbers is None else numbers.values
-    if given is not None and len(given) != len(values):
-        raise BadInput(
-            f"colors: {len(given)} rows for {len(values)} points; give a colour for each point"
-        )
+        inks = None if inks is None else _of_points(inks, chosen, len(values))
     kept = np.arange(len(values))
     broken = np.flatnonzero(~np.isfinite(values).all(axis=1))
     count = f"{len(broken)} of {len(values)} points"
@@ -271,6 +271,20 @@ def _cloud_of_array(
     return LoadedCloud(cloud, (*notes, *of_far), place)
 
 
+def _of_points(given: NDArray[Any], points: ArrayLike, count: int) -> NDArray[Any]:
+    """Return what is given for each of the points, without the rows of masked points.
+
+    count  of the points that are not masked
+
+    Raises BadInput for another number of rows.
+    """
+    unmasked = unmasked_rows(points)
+    rows = count if unmasked is None else len(numbers_in(points))
+    if len(given) != rows:
+        raise BadInput(f"colors: {len(given)} rows for {rows} points; give a colour for each point")
+    return given if unmasked is None else given[unmasked]
+
+
 def _labels(points: Any) -> list[str]:
     """Return the names of columns of a DataFrame; none for an array."""
     return [label for label in getattr(points, "columns", ()) if isinstance(label, str)]
@@ -289,8 +303,12 @@ def _numbers_of_colour(points: Any, colour: str, colors: ArrayLike | None) -> _N
     None for other colours. Raises BadInput for a column that is not there, or no real numbers.
     """
     if not column_of(colour):
-        numbers = np.asarray(colors)
-        if colour in ("grey", HEIGHT) or numbers.ndim != 1 or numbers.dtype.kind not in "fiu":
+        if colour in ("grey", HEIGHT) or colors is None:
+            return None
+        if np.ma.is_masked(colors):
+            raise BadInput("colors: some are masked; give a colour for each point")
+        numbers = numbers_in(colors)
+        if numbers.ndim != 1 or numbers.dtype.kind not in "fiu":
             return None
         return _Numbers("colors", numbers.astype(np.float64))
     labels = _labels(points)
@@ -298,7 +316,7 @@ def _numbers_of_colour(points: Any, colour: str, colors: ArrayLike | None) -> _N
         label = labels[column_index(labels, colour)]
     except NoColumn as error:
         raise BadInput(f"points: {no_column(colour, error.names)}") from None
-    numbers = np.asarray(points[label])
+    numbers = numbers_in(points[[label]])[:, 0]
     if numbers.dtype.kind not in "fiu":
         raise BadInput(f"points: column {shown(label)} holds no real numbers; give another one")
     return _Numbers(colour, numbers.astype(np.float64))
@@ -309,13 +327,12 @@ def _colours_of_array(points: Any, colors: ArrayLike | None) -> PointColors | No
 
     Raises BadInput for values that are no colours.
     """
-    if colors is None:
-        labels = _labels(points)
-        named = color_columns([label.lower() for label in labels])
-        if not named:
-            return None
-        colors = points[[labels[i] for i in named]]
-    values = np.asarray(colors)
+    source: Any = points if colors is None else colors
+    labels = _labels(source)
+    named = color_columns([label.lower() for label in labels])
+    if colors is None and not named:
+        return None
+    values = numbers_in(source[[labels[i] for i in named]] if named else source)
     if values.dtype.kind not in "fiu" or values.ndim != 2 or values.shape[1] != 3:
         raise BadInput(
             f"colors: {values.dtype} of shape {list(values.shape)}; give real numbers [N, 3], of "

@@ -56,19 +56,46 @@ def _sphere(used: NDArray[np.float64]) -> tuple[NDArray[np.float64], float]:
     return centre, np.sqrt(((used - centre) ** 2).sum(axis=1).max())
 
 
+def numbers_in(values: ArrayLike) -> NDArray[Any]:
+    """Return an array of what has numbers: an array, a tensor or a DataFrame.
+
+    A missing value of a DataFrame becomes NaN.
+    """
+    given = cast("Any", values)
+    if hasattr(given, "is_floating_point"):  # a tensor, of which NumPy takes only some
+        tensor = given.detach().cpu()
+        return np.asarray(tensor.double() if tensor.is_floating_point() else tensor)
+    array = np.asarray(given)
+    dtypes: Any = getattr(given, "dtypes", ())  # of a DataFrame, or the one of a Series
+    kinds = {dtype.kind for dtype in ([dtypes] if hasattr(dtypes, "kind") else dtypes)}
+    if array.dtype == object and kinds and kinds <= {*"fiu"}:
+        # NumPy makes Python objects of columns of pandas that may lack values.
+        if kinds <= {*"iu"} and not np.any(given.isna()):
+            return given.to_numpy(np.int64)
+        return given.to_numpy(np.float64, na_value=np.nan)
+    return array
+
+
+def unmasked_rows(points: ArrayLike) -> NDArray[np.intp] | None:
+    """Return the rows of a masked array [N, C] without masked values; None where none has any."""
+    if not isinstance(points, np.ma.MaskedArray) or points.ndim != 2 or not points.mask.any():
+        return None
+    return np.flatnonzero(~np.ma.getmaskarray(points).any(axis=1))
+
+
 def real_points(points: ArrayLike) -> NDArray[np.float64]:
-    """Return points as float64 [N, 3]. Raises ValueError where they are no real numbers [N, 3]."""
-    if isinstance(points, np.ma.MaskedArray) and points.mask.any() and points.ndim == 2:
-        kept = np.flatnonzero(~np.ma.getmaskarray(points).any(axis=1))
-        count = f"{len(points) - len(kept)} of {len(points)} points"
-        warnings.warn(f"{count} are masked, and left out", stacklevel=2)
-        points = points.data[kept]
-    if hasattr(points, "is_floating_point"):  # a tensor, of which NumPy takes only some
-        tensor = cast("Any", points).detach().cpu()
-        points = tensor.double() if tensor.is_floating_point() else tensor
-    given = np.asarray(points)
+    """Return points as float64 [N, 3], with a warning without the rows that have masked values.
+
+    Raises ValueError where they are no real numbers [N, 3].
+    """
+    kept = unmasked_rows(points)
+    given = numbers_in(points)
     if given.ndim != 2 or given.shape[1] != 3 or given.dtype.kind not in "fiu":
         raise ValueError(f"points: expected real numbers [N, 3], got {given.dtype} {given.shape}")
+    if kept is not None:
+        count = f"{len(given) - len(kept)} of {len(given)} points"
+        warnings.warn(f"{count} are masked, and left out", stacklevel=2)
+        given = given[kept]
     return given.astype(np.float64)
 
 

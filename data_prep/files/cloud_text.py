@@ -42,7 +42,9 @@ _XYZ_COLOURS = {6: (3, 4, 5), 7: (3, 4, 5)}
 PTS_COLOURS = {6: (3, 4, 5), 7: (4, 5, 6)}
 
 _COMMENTS = "#", "//", "%"  # the beginnings of lines that are comments
-_NOTE = re.compile(r"(?<=[\s;,|])#.*")  # a comment at the end of a row; 1.#INF of Windows is none
+# A comment at the end of a row. In 1.#INF of Windows it is none, nor behind the mark of a field,
+# as in x,y,z,#ff0000.
+_NOTE = re.compile(r"(?<![\s;,|])\s+#.*")
 _BLANK = " \t\n;,|"
 MINUS = "\u2212"
 _WHOLE = re.compile(r"[+-]?[0-9]+")

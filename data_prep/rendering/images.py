@@ -22,6 +22,7 @@ _MOST_BYTES_OF_ANY = 64 * MIB  # the largest file of an image of any size
 _MODES = ("RGBA", "RGB", "LA", "L", "P")  # Pillow's names of the modes with 8 bits a channel
 _SIGNATURE = b"\x89PNG\r\n\x1a\n\x00\x00\x00\x0dIHDR"
 _HEADER = struct.Struct(">IIBB")  # width, height, bits a channel and colour type
+_BITS = len(_SIGNATURE) + 8  # the place of the bits a channel in the file
 _GREY, _RGB = 0, 2  # colour types of PNG that have no alpha
 _KINDS = {3: "a palette", 4: "grey with alpha", 6: "RGB with alpha"}  # the other colour types
 
@@ -60,13 +61,15 @@ def blank(count: int) -> NDArray[np.uint8]:
 class _Decoded(NamedTuple):
     """A PNG: its size and mode, whether it has a transparent colour, and RGBA [H, W, 4].
 
-    Only pixels of the wanted size with 8 bits a channel are decoded.
+    Only pixels of the wanted size with 8 bits a channel are decoded. `frames` counts the images of
+    an animation; the first one is decoded.
     """
 
     size: tuple[int, int]
     mode: str
     transparent: bool
     rgba: NDArray[np.uint8] | None
+    frames: int
 
 
 def _decoded(
@@ -79,10 +82,18 @@ def _decoded(
         warnings.simplefilter("error")  # Pillow warns of images that decompress to a huge size
         try:
             with Image.open(file, formats=formats) as image:
+                # The further images of a JPEG are previews and depths of the same picture.
+                moves = image.format in ("PNG", "WEBP")
+                frames = getattr(image, "n_frames", 1) if moves else 1
+                mode = image.mode
+                file.seek(0)
+                start = file.read(len(_SIGNATURE) + _HEADER.size)
+                if start.startswith(_SIGNATURE) and start[_BITS] > 8 and mode in _MODES:
+                    mode += f" with {start[_BITS]} bits a channel"  # Pillow cuts them off unasked
                 fits = of_any_size or image.size == (IMAGE_SIZE, IMAGE_SIZE)
-                usable = fits and image.mode in _MODES
+                usable = fits and mode in _MODES
                 rgba = np.asarray(image.convert("RGBA"), np.uint8) if usable else None
-                return _Decoded(image.size, image.mode, "transparency" in image.info, rgba)
+                return _Decoded(image.size, mode, "transparency" in image.info, rgba, frames)
         except Exception as error:  # the parsers of Pillow may raise any exception
             kinds = " or ".join(formats)
             reason = reason_of(error)
@@ -115,10 +126,12 @@ def _on_white(rgba: NDArray[np.uint8]) -> NDArray[np.uint8]:
 def read_any_image(path: Path) -> tuple[NDArray[np.uint8], bool]:
     """Return a PNG, JPEG or WebP of any size laid on white, uint8 [H, W, 3].
 
-    Also returned is whether a pixel was transparent. Raises BadInput for a file that cannot be read
-    and for other than 8 bits a channel.
+    Also returned is whether a pixel was transparent. Raises BadInput for a file that cannot be
+    read, for other than 8 bits a channel and for an animation.
     """
     image = _decoded(path, "write it again", ("PNG", "JPEG", "WEBP"), _MOST_BYTES_OF_ANY)
+    if image.frames > 1:
+        raise BadInput(f"{path}: an animation of {image.frames} images; write each to its own file")
     if image.rgba is None:
         raise BadInput(f"{path}: has pixels of mode {image.mode}; write it as 8-bit grey or RGB")
     return _on_white(image.rgba), bool((image.rgba[..., 3] < 255).any())

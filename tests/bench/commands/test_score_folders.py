@@ -3,6 +3,8 @@
 from __future__ import annotations
 
 import re
+import struct
+import zlib
 
 import numpy as np
 import pandas as pd
@@ -69,7 +71,29 @@ def others(folder):
         write(folder / f"x{number}.png", np.zeros((40, 40), np.uint8))
 
 
+def deep_png(width, height):
+    """Return a black PNG of 16 bits a channel in RGB, which Pillow cannot write."""
+    head = struct.pack(">IIBBBBB", width, height, 16, 2, 0, 0, 0)
+    parts = [
+        (b"IHDR", head),
+        (b"IDAT", zlib.compress(bytes(height * (1 + 6 * width)))),
+        (b"IEND", b""),
+    ]
+    sums = [struct.pack(">I", zlib.crc32(name + data)) for name, data in parts]
+    chunks = [struct.pack(">I", len(d)) + n + d + s for (n, d), s in zip(parts, sums, strict=True)]
+    return b"\x89PNG\r\n\x1a\n" + b"".join(chunks)
+
+
+def two_frames(folder):
+    frames = [Image.new("RGB", (64, 40), (grey,) * 3) for grey in (0, 200)]
+    frames[0].save(folder / "a.webp", save_all=True, append_images=frames[1:], lossless=True)
+
+
 REFUSED = {  # what is done to the folder of images, and what is said
+    "a.webp: an animation of 2 images; write each to its own file": two_frames,
+    "a.webp: has pixels of mode RGB with 16 bits a channel; write it as 8-bit": lambda folder: (
+        folder / "a.webp"
+    ).write_bytes(deep_png(64, 40)),
     "x0, x1, x2": others,
     "4 of 7 only in": others,
     "deep/b.webp: 31 x 64 pixels, and .*deep/b.PNG has 48 x 64; scale one": lambda folder: write(

@@ -9,6 +9,7 @@ from pathlib import Path
 
 import numpy as np
 import pandas as pd
+import pyarrow as pa
 import pytest
 import torch
 
@@ -251,3 +252,56 @@ def test_a_smoothed_cloud_and_a_mesh_that_was_not_made_are_warned_of():
 def test_a_note_is_told_even_where_the_method_fails():
     with pytest.raises(StageFailure), pytest.warns(UserWarning, match="^points: columns 3 to 5 of"):
         bench.draw_cloud(np.eye(2, 6), method="surface-apss")
+
+
+def colours_of(points):
+    """Return colours that differ in each channel, uint8 [N, 3], by the places of points."""
+    share = (points - points.min(axis=0)) / np.ptp(points, axis=0)
+    return (share * (200, 100, 50)).astype(np.uint8)
+
+
+GIVEN = {  # other forms of the same colours
+    "a frame with its columns in another order": lambda inks: pd.DataFrame(
+        inks[:, ::-1], columns=["blue", "green", "red"]
+    ),
+    "a tensor of a training": lambda inks: torch.tensor(inks / 255, requires_grad=True),
+    "columns that may lack values": lambda inks: pd.DataFrame(
+        inks, columns=[*"rgb"], dtype="Int64"
+    ),
+    "columns of Arrow": lambda inks: pd.DataFrame(inks).convert_dtypes(dtype_backend="pyarrow"),
+}
+
+
+@pytest.mark.parametrize("form", GIVEN)
+def test_colours_in_any_form(points, form):
+    inks = colours_of(points)
+    expected = bench.draw_cloud(points, method="splat", colors=inks)
+    drawn = bench.draw_cloud(points, method="splat", colors=GIVEN[form](inks))
+    assert np.array_equal(drawn, expected)
+
+
+def test_tables_of_arrow_and_frames_that_may_lack_values(points):
+    expected = bench.draw_cloud(points, method="splat")
+    frame = pd.DataFrame(points[:, ::-1], columns=[*"zyx"])
+    for given in (pa.Table.from_pandas(frame), frame.convert_dtypes()):
+        assert np.array_equal(bench.draw_cloud(given, method="splat"), expected)
+    frame = frame.astype("Float64")
+    frame.loc[7, "y"] = pd.NA
+    with pytest.raises(BadInput, match=r"1 of 300 points are not finite \(the first is row 7,"):
+        bench.draw_cloud(frame, method="splat")
+
+
+@pytest.mark.parametrize("of_each", [colours_of, lambda points: points[:, 1]])
+def test_masked_points_leave_out_their_colours(points, of_each):
+    masked = np.ma.masked_array(points, mask=points > 4)
+    kept = ~masked.mask.any(axis=1)
+    inks = of_each(points)
+    expected, _ = warnings_of(
+        lambda: bench.draw_cloud(points[kept], method="splat", colors=inks[kept])
+    )
+    drawn, warned = warnings_of(lambda: bench.draw_cloud(masked, method="splat", colors=inks))
+    assert np.array_equal(drawn, expected)
+    assert f"{300 - kept.sum()} of 300 points are masked, and left out" in warned
+    hidden = np.ma.masked_array(inks, mask=np.arange(inks.size).reshape(inks.shape) == 5)
+    with pytest.raises(BadInput, match=r"^colors: some are masked; give a colour"):
+        bench.draw_cloud(points, method="splat", colors=hidden)

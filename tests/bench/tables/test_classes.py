@@ -179,13 +179,15 @@ def test_averages_are_of_the_same_classes_for_all_methods():
     average = cell(made, class_name="average", **at)
     assert math.isnan(average.value)
     assert math.isnan(average.ci_low)
-    assert average.note == "no value in lamp"
+    assert average.note == "no value in lamp; lamp: fewer than two images"
     assert (average.n_ok, average.n) == (9, 14)
     of_ssim = cell(made, class_name="average", method="surface-apss", metric="ssim")
     classes = [
         cell(made, class_name=k, method="surface-apss", metric="ssim") for k in ("car", "lamp")
     ]
     assert of_ssim.value == pytest.approx(np.mean([row.value for row in classes]), rel=1e-12)
+    assert of_ssim.note == f"lamp: {classes[1].note}"
+    assert "4 x timeout: 3 s" in classes[1].note
     as_blank = np.mean([row.failures_as_blank for row in classes])
     assert of_ssim.failures_as_blank == pytest.approx(as_blank, rel=1e-12)
 

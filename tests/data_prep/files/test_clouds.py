@@ -252,6 +252,7 @@ COLOURED = {
         2,
     ),
     "names.csv": b"g,x,y,z,b,label,R\n0,1,2,3,128,7,255\n1,4,5,6,0,7,1\n",
+    "tags.csv": b"x,y,z,tag,r,g,b\n1,2,3,#12,255,0,128\n4,5,6, #a,1,1,0  # a comment\n",
     "alpha.xyz": b"1 2 3 255 0 128 255\n4 5 6 1 1 0 255\n",
     "units.csv": b"g [0-255],X,Y,Z,Blue,Red\n0,1,2,3,128,255\n1,4,5,6,0,1\n",
     "fractions.asc": b"//X Y Z Rf Gf Bf\n1 2 3 1 0 .5\n4 5 6 .004 .004 0\n",
