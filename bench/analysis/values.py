@@ -333,7 +333,7 @@ def _average(rows: pd.DataFrame, classes: AbstractSet[str]) -> dict[str, Any]:
         remarks.append(f"no value in {', '.join(missing)}")
     if len(left_out):
         remarks.append(f"without {', '.join(left_out)}")
-    why = rows[rows["failed"] & (rows["note"] != "")]
+    why = rows[rows["failed"] & (rows["note"] != "") & np.isfinite(rows["value"])]
     remarks += [f"{name}: {note}" for name, note in zip(why["class"], why["note"], strict=True)]
     note = "; ".join(remarks)
     sums = {name: int(rows[name].sum()) for name in ("n_ok", "n", "undefined", "objects")}
