@@ -22,7 +22,7 @@ from bench.running.pool import TaskPool, WorkerFailure, submit_all
 from bench.running.protocol import Protocol
 from bench.running.work import cloud_of, load_renderer, reason_of, rng_of, seen_by
 from bench.tables.grid import Block, Cell, metric_cell, pivot, row_mappings
-from bench.tables.table import TABLES, Table, of_protocol, write_tables
+from bench.tables.table import TABLES, Table, of_protocol, remove_stale, write_tables
 from data_prep.failures import StageFailure
 from data_prep.files.safe_read import MIB, read_text
 from data_prep.progress import progress
@@ -30,6 +30,7 @@ from data_prep.randomness import generator
 from data_prep.scene import Mesh
 
 MESHES = "surface_meshes"  # the table with a row a mesh, which the next call goes on with
+_OF_RANKS = "surface_ranks"  # the table that needs three methods
 _MOST_BYTES = 512 * MIB  # the largest such table that is read; a row has some 200 bytes
 _TEXTS = dict.fromkeys(("key", *JOB, "note"), str)  # its columns that are texts
 
@@ -70,6 +71,7 @@ def measure_surfaces(directory: Path, methods: Sequence[str], workers: int) -> l
         meshes = pd.DataFrame([rows[job.name] for job in jobs])
         tables = _tables(meshes, run)
         write_tables(directory, tables)
+        remove_stale(directory, tables, [_OF_RANKS])
     return tables
 
 
@@ -85,7 +87,7 @@ def _tables(meshes: pd.DataFrame, run: Run) -> list[Table]:
     if len(ranks):
         by = ["over", "image_metric"]
         of_ranks = partial(_grids, by=by, line="surface_metric", remark=_RANKS)
-        tables.append(Table("surface_ranks", "Do surfaces predict images?", ranks, of_ranks))
+        tables.append(Table(_OF_RANKS, "Do surfaces predict images?", ranks, of_ranks))
     return [of_protocol(table, run.suite, run.manifest[PROTOCOL]) for table in tables]
 
 

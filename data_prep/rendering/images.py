@@ -80,14 +80,14 @@ def _decoded(
     of_any_size = len(formats) > 1
     with open_file(path, most_bytes) as file, warnings.catch_warnings():
         warnings.simplefilter("error")  # Pillow warns of images that decompress to a huge size
+        start = file.read(len(_SIGNATURE) + _HEADER.size)
+        file.seek(0)
         try:
             with Image.open(file, formats=formats) as image:
                 # The further images of a JPEG are previews and depths of the same picture.
                 moves = image.format in ("PNG", "WEBP")
                 frames = getattr(image, "n_frames", 1) if moves else 1
                 mode = image.mode
-                file.seek(0)
-                start = file.read(len(_SIGNATURE) + _HEADER.size)
                 if start.startswith(_SIGNATURE) and start[_BITS] > 8 and mode in _MODES:
                     mode += f" with {start[_BITS]} bits a channel"  # Pillow cuts them off unasked
                 fits = of_any_size or image.size == (IMAGE_SIZE, IMAGE_SIZE)
