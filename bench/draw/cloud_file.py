@@ -133,6 +133,11 @@ class CloudFile:
         cloud, place = self._scaled(points[kept])
         on_shape = [*self._notes_on_shape(cloud, place, has_far and not self.drop_far)]
         colors = None if contents.colors is None else contents.colors[kept]
+        if colors is not None and len(colors) and surface is None and not colors.any():
+            notes.append(
+                "all points are black, as where a scan has room for colours and none in it; "
+                "--colour grey leaves them out"
+            )
         if contents.values is not None:
             # The height has the range of all the mesh, whose tips the points may miss.
             whole = stored.values if surface is not None and self.colours == HEIGHT else None

@@ -223,6 +223,21 @@ def test_options_have_their_names_of_python_where_a_file_is_drawn_from_there(tmp
         bench.draw_cloud(path, method="splat", colour="file")
 
 
+def test_a_scan_without_any_colour_in_its_columns_is_told(tmp_path) -> None:
+    path = tmp_path / "scan.csv"
+    for inks, told in ((np.zeros_like(SPHERE), True), (np.eye(len(SPHERE), 3), False)):
+        np.savetxt(
+            path, np.hstack([SPHERE, inks]), delimiter=",", header="x,y,z,r,g,b", comments=""
+        )
+        with warnings.catch_warnings(record=True) as caught:
+            warnings.simplefilter("always")
+            bench.draw_cloud(path, method="splat")
+        said = " ".join(str(warning.message) for warning in caught)
+        assert ("all points are black" in said, 'colour="grey" leaves them out' in said) == (
+            told,
+        ) * 2
+
+
 def test_columns_that_are_no_colours_are_left_out_with_a_note(command, refused, tmp_path) -> None:
     path, out = tmp_path / "cloud.csv", tmp_path / "out.png"
     values = np.hstack([SPHERE, np.full_like(SPHERE, -1)])
