@@ -8,7 +8,7 @@ from __future__ import annotations
 import struct
 import warnings
 from pathlib import Path
-from typing import NamedTuple
+from typing import BinaryIO, NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
@@ -22,7 +22,6 @@ _MOST_BYTES_OF_ANY = 64 * MIB  # the largest file of an image of any size
 _MODES = ("RGBA", "RGB", "LA", "L", "P")  # Pillow's names of the modes with 8 bits a channel
 _SIGNATURE = b"\x89PNG\r\n\x1a\n\x00\x00\x00\x0dIHDR"
 _HEADER = struct.Struct(">IIBB")  # width, height, bits a channel and colour type
-_BITS = len(_SIGNATURE) + 8  # the place of the bits a channel in the file
 _GREY, _RGB = 0, 2  # colour types of PNG that have no alpha
 _KINDS = {3: "a palette", 4: "grey with alpha", 6: "RGB with alpha"}  # the other colour types
 
@@ -58,6 +57,23 @@ def blank(count: int) -> NDArray[np.uint8]:
     return np.full((count, IMAGE_SIZE, IMAGE_SIZE, 3), 255, dtype=np.uint8)
 
 
+class _PngHeader(NamedTuple):
+    """What the first bytes of a PNG say: its size, the bits a channel and its colour type."""
+
+    width: int
+    height: int
+    bits: int
+    kind: int
+
+
+def _png_header(file: BinaryIO) -> _PngHeader | None:
+    """Return the header of a file that is read from its start; None for no PNG."""
+    start = file.read(len(_SIGNATURE) + _HEADER.size)
+    if len(start) < len(_SIGNATURE) + _HEADER.size or not start.startswith(_SIGNATURE):
+        return None
+    return _PngHeader(*_HEADER.unpack(start[len(_SIGNATURE) :]))
+
+
 class _Decoded(NamedTuple):
     """A PNG: its size and mode, whether it has a transparent colour, and RGBA [H, W, 4].
 
@@ -80,7 +96,7 @@ def _decoded(
     of_any_size = len(formats) > 1
     with open_file(path, most_bytes) as file, warnings.catch_warnings():
         warnings.simplefilter("error")  # Pillow warns of images that decompress to a huge size
-        start = file.read(len(_SIGNATURE) + _HEADER.size)
+        png = _png_header(file)
         file.seek(0)
         try:
             with Image.open(file, formats=formats) as image:
@@ -88,8 +104,8 @@ def _decoded(
                 moves = image.format in ("PNG", "WEBP")
                 frames = getattr(image, "n_frames", 1) if moves else 1
                 mode = image.mode
-                if start.startswith(_SIGNATURE) and start[_BITS] > 8 and mode in _MODES:
-                    mode += f" with {start[_BITS]} bits a channel"  # Pillow cuts them off unasked
+                if png is not None and png.bits > 8 and mode in _MODES:
+                    mode += f" with {png.bits} bits a channel"  # Pillow cuts them off unasked
                 fits = of_any_size or image.size == (IMAGE_SIZE, IMAGE_SIZE)
                 usable = fits and mode in _MODES
                 rgba = np.asarray(image.convert("RGBA"), np.uint8) if usable else None
@@ -140,10 +156,10 @@ def read_any_image(path: Path) -> tuple[NDArray[np.uint8], bool]:
 def check_opaque_png(path: Path) -> None:
     """Raise BadInput unless the header tells of a PNG of IMAGE_SIZE in 8-bit RGB or grey."""
     with open_file(path, MOST_BYTES) as file:
-        start = file.read(len(_SIGNATURE) + _HEADER.size)
-    if len(start) < len(_SIGNATURE) + _HEADER.size or not start.startswith(_SIGNATURE):
+        png = _png_header(file)
+    if png is None:
         raise BadInput(f"{path}: not a PNG; write it again")
-    width, height, bits, kind = _HEADER.unpack(start[len(_SIGNATURE) :])
+    width, height, bits, kind = png
     if (width, height) != (IMAGE_SIZE, IMAGE_SIZE):
         raise BadInput(
             f"{path}: {width} x {height} pixels, expected {IMAGE_SIZE} x {IMAGE_SIZE}; draw it in "

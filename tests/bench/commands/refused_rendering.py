@@ -1,5 +1,11 @@
 """Command lines of `bench render` that are refused, and what their one line says."""
 
+import math
+
+from bench.catalogue.chosen import measured_methods
+
+CHEAPEST_MS = measured_methods()["splat"].one_view_ms
+LEAST_MS = f"{math.ceil(10 * CHEAPEST_MS) / 10:g}"  # rounded up, so that it is enough
 WRITTEN = "images are written as PNG or JPEG, turntables as GIF or WebP; give a name that"
 BOTH = "clouds/a.xyz and other/a.xyz would both be drawn as images/a.png; rename one, or draw "
 _CAMERA = {
@@ -10,7 +16,8 @@ CAMERAS = {"camera.json": _CAMERA, "cameras.json": {"parameters": [_CAMERA] * 9}
 _BY_START = {
     "render cloud.xyz": {
         "--budget 50ms --method splat": "budget 50ms: it chooses the method, and splat is named",
-        "--budget 0.1ms": "budget 0.1ms: the cheapest method is splat with ",
+        "--budget 0.1ms": "budget 0.1ms: the cheapest method is splat "
+        f"with {LEAST_MS} ms for one image",
         "--budget 50": "budget 50: give a time over 0 with its unit, as in 50ms or 0.2s",
         "--colour invented --method surface-fit": "method 'surface-fit' draws in grey",
         "--colour invented --budget 50ms": "budget 50ms: the methods that it chooses",

@@ -26,7 +26,7 @@ from data_prep.files.checksums import file_sha256
 from learning.weights import FILES as WEIGHTS
 
 from ..builders import make_manifest, write_run
-from .refused_rendering import CAMERAS, RENDERING
+from .refused_rendering import CAMERAS, CHEAPEST_MS, LEAST_MS, RENDERING
 
 OLDER, NEWER = PROTOCOL_VERSION - 1, PROTOCOL_VERSION + 1
 OTHER_VERSIONS = (*range(1, PROTOCOL_VERSION), NEWER)
@@ -261,6 +261,8 @@ CASES: dict[str, str] = {
         f"render cloud.xyz --budget='{text}'": "give a time over 0 with its unit, as in 50ms"
         for text in ("", "50", "ms", "0ms", "-5ms", "1e3ms", "5 ms", "infs", "1h")
     },
+    f"render cloud.xyz --budget {CHEAPEST_MS - 0.1:.1f}ms": "the cheapest method is splat with "
+    f"{LEAST_MS} ms for one image; give at least {LEAST_MS}ms",
     f"{ROBUSTNESS} --workers 100000": "--workers 100000: too many processes; give at most 1024",
     # --- data, weights and folders of something else
     f"{ROBUSTNESS} --dataset folder:meshes": "folder:meshes: no class 'chair' (a sub-folder of tha",
